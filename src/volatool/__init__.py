@@ -1,0 +1,59 @@
+"""volatool: LAS/LAZ/COPC tiles to VOLA volumes, EMap elevation models and statistics.
+
+The names of this module are the public ones; the modules below are free to move. They are loaded
+when they are first used: ``import volatool`` loads neither numpy nor numba nor rasterio.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from volatool._version import __version__
+from volatool.errors import VolatoolError
+
+if TYPE_CHECKING:
+    from volatool.api import convert, stats
+    from volatool.cube import Cube
+    from volatool.formats.registry import open_volume as open
+    from volatool.points.reader import stream
+    from volatool.report import Report
+    from volatool.vola.builder import VolaBuilder
+    from volatool.vola.volume import Volume
+
+_PLACES = {
+    "Cube": ("volatool.cube", "Cube"),
+    "Report": ("volatool.report", "Report"),
+    "VolaBuilder": ("volatool.vola.builder", "VolaBuilder"),
+    "Volume": ("volatool.vola.volume", "Volume"),
+    "convert": ("volatool.api", "convert"),
+    "open": ("volatool.formats.registry", "open_volume"),
+    "stats": ("volatool.api", "stats"),
+    "stream": ("volatool.points.reader", "stream"),
+}
+
+__all__ = [
+    "Cube",
+    "Report",
+    "VolaBuilder",
+    "VolatoolError",
+    "Volume",
+    "__version__",
+    "convert",
+    "open",
+    "stats",
+    "stream",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'volatool' has no attribute {name!r}")
+    module, attribute = _PLACES[name]
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
