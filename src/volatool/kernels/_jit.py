@@ -1,0 +1,135 @@
+"""The one place that configures numba: how kernels compile and where they are cached.
+
+Kernels compile on their first call, never at import, release the GIL and are kept in an on-disk
+cache of volatool's own. numba numbers its cache files by reading the index, writing the code and
+then the index again; two processes doing so at once can overwrite each other's code under one
+name (numba issues 4807 and 10128). Every such read-modify-write is done under a file lock.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import os
+import platform
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import caching
+
+from volatool._version import __version__
+
+
+def cache_dir() -> Path:
+    """
+    Folder that holds the compiled kernels of this version on this machine.
+
+    ``VOLATOOL_CACHE_DIR`` if set, else ``volatool`` in the user's cache folder; below it one
+    folder per version of volatool, numba, numpy and Python, and per CPU.
+
+    Returns
+    -------
+    path : pathlib.Path
+        The folder; it need not exist yet.
+    """
+    root = os.environ.get("VOLATOOL_CACHE_DIR")
+    if not root:
+        base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+        root = str(Path(base) / "volatool")
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features().flatten()
+    cpu = hashlib.sha256(f"{binding.get_host_cpu_name()} {features}".encode()).hexdigest()[:12]
+    # the code's place is part of numba's own key; two installations may share the folder
+    key = (
+        f"{__version__}-numba{numba.__version__}-numpy{np.__version__}"
+        f"-py{sys.version_info.major}{sys.version_info.minor}-{platform.machine()}-{cpu}"
+    )
+    return Path(root) / "kernels" / key
+
+
+@functools.cache
+def writable_cache_dir() -> Path | None:
+    """
+    Return the cache folder, made if need be, or None when it can't be written.
+
+    Returns
+    -------
+    path : pathlib.Path or None
+        None means: compile in memory, once per process.
+    """
+    try:
+        path = cache_dir()
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / f".probe-{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except (OSError, RuntimeError):  # RuntimeError: no home folder
+        return None
+    return path
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Hold the cache folder's lock; without fcntl (Windows) numba's own atomic renames must do."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    with (folder / ".lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+class _LockedCache(caching.FunctionCache):
+    """numba's function cache with each read and each write of it done under one lock."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        folder = writable_cache_dir()
+        if folder is None:
+            return None
+        with _locked(folder):
+            return super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        folder = writable_cache_dir()
+        if folder is not None:
+            with _locked(folder), contextlib.suppress(OSError):  # a full disk: not cached
+                super().save_overload(sig, data)
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """
+    Compile a function with numba when it is first called, releasing the GIL, cached on disk.
+
+    Parameters
+    ----------
+    function : callable
+        Arrays and scalars in and out. Other kernels may be called from it.
+
+    Returns
+    -------
+    kernel : callable
+        The dispatcher; ``kernel.py_func`` is the plain Python function.
+
+    Notes
+    -----
+    ``fastmath`` is off: results must not depend on the CPU's vector width.
+    """
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    folder = writable_cache_dir()
+    if folder is not None:
+        # numba takes the folder from its configuration only; put back what other packages see
+        config: Any = numba.config
+        before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
+        try:
+            dispatcher._cache = _LockedCache(function)
+        finally:
+            config.CACHE_DIR = before
+    return dispatcher

@@ -1,0 +1,213 @@
+"""What a conversion is asked to do: one frozen, checked value."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from volatool.cube import MAX_DEPTH
+from volatool.errors import OptionError
+from volatool.model import Bounds
+from volatool.resources import DEFAULT_MEMORY_BYTES
+from volatool.units import Length, parse_size
+
+META_CHANNELS = ("rgb", "height", "returns", "intensity", "class")
+"""Metadata that a volume can carry, in the order of the bytes."""
+
+_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol")
+
+_TOLERANCE = Length.parse("0.1mm")
+
+# these change how a result is made, not what it is: the report must not depend on them
+_RUN_ONLY = ("chunk_points", "memory", "resources", "strict")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConvertOptions:
+    """
+    Options of `volatool.convert` and of the commands; names and defaults as in ``--help``.
+
+    Parameters
+    ----------
+    classes, exclude_classes : tuple of int, optional
+        Class codes to use or to leave out.
+    returns : str
+        ``"all"``, ``"first"`` or ``"last"``.
+    keep_withheld, keep_noise : bool
+        Use withheld points; use classes 7 and 18.
+    bounds : Bounds, optional
+        Use only points inside, in units of the (target) CRS.
+    thin : int, optional
+        Use every n-th point.
+    robust_z : bool
+        Leave isolated points far above or below out of everything.
+    chunk_points : int
+        Points read at a time.
+    salvage, strict : bool
+        Use what is readable of a damaged file; refuse faulty headers.
+    crs, crs_default, to_crs : str, optional
+        ``"EPSG:x[+y]"``; `to_crs` also takes ``"utm"``.
+    cube : Length or str
+        Side of the cube, or ``"auto"``.
+    snap : bool
+        Cube corner on multiples of the side.
+    split : Length, optional
+        One volume per snapped cube of this side.
+    depth : int, optional
+        Number of levels; None chooses.
+    resolution, budget, depth_from : optional
+        Other ways to a depth: cell edge, bytes of the gzip file, a summary's JSON file.
+    min_occupancy : float
+        Threshold of the choice.
+    max_depth : int
+        Deepest level looked at.
+    meta : tuple of str
+        Of `META_CHANNELS`.
+    dense : str
+        ``"auto"``, ``"always"`` or ``"never"``.
+    gzip : bool
+        Compress the volume files.
+    compat : str, optional
+        ``"toolkit"``: bytes of the original toolkit.
+    dem : bool
+        Make the elevation model.
+    cell, max_gap, tol : Length or str, optional
+        Of the elevation model.
+    surface, preset : str
+        Which points; which springs.
+    fill : bool
+        Fill cells without points.
+    k_surface, k_point : float, optional
+        Spring stiffness.
+    layers : tuple of str
+        ``"count"``, ``"flag"``, ``"distance"``.
+    preview : bool
+        Write a picture.
+    memory : int
+        Ceiling in bytes for the whole process.
+    resources : bool
+        Put time and memory into the report.
+
+    Raises
+    ------
+    OptionError
+        Values that don't go together.
+    """
+
+    classes: tuple[int, ...] | None = None
+    exclude_classes: tuple[int, ...] | None = None
+    returns: str = "all"
+    keep_withheld: bool = False
+    keep_noise: bool = False
+    bounds: Bounds | None = None
+    thin: int | None = None
+    robust_z: bool = False
+    chunk_points: int = 250_000
+    salvage: bool = False
+    strict: bool = False
+    crs: str | None = None
+    crs_default: str | None = None
+    to_crs: str | None = None
+    cube: Length | str = "auto"
+    snap: bool = False
+    split: Length | None = None
+    depth: int | None = None
+    resolution: Length | None = None
+    min_occupancy: float = 0.15
+    max_depth: int = 8
+    budget: int | None = None
+    depth_from: str | None = None
+    meta: tuple[str, ...] = META_CHANNELS
+    dense: str = "auto"
+    gzip: bool = True
+    compat: str | None = None
+    dem: bool = True
+    cell: Length | str = "auto"
+    surface: str = "auto"
+    max_gap: Length | None = None
+    fill: bool = True
+    preset: str = "emap"
+    k_surface: float | None = None
+    k_point: float | None = None
+    tol: Length = _TOLERANCE
+    layers: tuple[str, ...] = ()
+    preview: bool = False
+    memory: int = DEFAULT_MEMORY_BYTES
+    resources: bool = True
+
+    def __post_init__(self) -> None:
+        for name in _LENGTHS:  # Python callers may write "1m"
+            value = getattr(self, name)
+            if value is not None and value != "auto":
+                object.__setattr__(self, name, Length.parse(value))
+        for name in ("memory", "budget"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, parse_size(value))
+        self._check_depth()
+        self._check_words()
+        if self.chunk_points < 1:
+            raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
+        if self.split is not None and (self.cube != "auto" or self.snap):
+            raise OptionError("--split cuts into snapped cubes: leave out --cube and --snap")
+        if self.split is not None and self.budget is not None:
+            raise OptionError("--budget is for one volume: leave out --split")
+        if self.compat == "toolkit":
+            self._check_toolkit()
+
+    def _check_depth(self) -> None:
+        given = [
+            name
+            for name in ("depth", "resolution", "budget", "depth_from")
+            if getattr(self, name) is not None
+        ]
+        if len(given) > 1:
+            flags = ", ".join("--" + name.replace("_", "-") for name in given)
+            raise OptionError(f"{flags}: give only one of them")
+        if self.depth is not None and not 1 <= self.depth <= MAX_DEPTH:
+            raise OptionError(f"--depth must be 1 to {MAX_DEPTH}, got {self.depth}")
+        if not 2 <= self.max_depth <= MAX_DEPTH:
+            raise OptionError(f"--max-depth must be 2 to {MAX_DEPTH}, got {self.max_depth}")
+        if not 0 < self.min_occupancy <= 1:
+            raise OptionError(f"--min-occupancy must be in (0, 1], got {self.min_occupancy}")
+
+    def _check_words(self) -> None:
+        allowed: dict[str, tuple[str | None, ...]] = {
+            "returns": ("all", "first", "last"),
+            "dense": ("auto", "always", "never"),
+            "surface": ("auto", "dtm", "dsm", "min", "max"),
+            "preset": ("emap", "paper"),
+            "compat": (None, "toolkit"),
+        }
+        for name, words in allowed.items():
+            if getattr(self, name) not in words:
+                raise OptionError(f"{name} must be one of {words}, got {getattr(self, name)!r}")
+        for name, known in (("meta", META_CHANNELS), ("layers", ("count", "flag", "distance"))):
+            unknown = [word for word in getattr(self, name) if word not in known]
+            if unknown:
+                raise OptionError(f"{name}: {unknown[0]!r} is not one of {known}")
+
+    def _check_toolkit(self) -> None:
+        if self.depth is None:
+            raise OptionError("--compat toolkit needs --depth N: the toolkit does not choose one")
+        fixed = {"split": None, "snap": False, "cube": "auto", "to_crs": None}
+        for name, default in fixed.items():
+            if getattr(self, name) != default:
+                flag = "--" + name.replace("_", "-")
+                raise OptionError(f"--compat toolkit can't go with {flag}: it knows one cube only")
+
+    def given(self) -> dict[str, Any]:
+        """Return the options that differ from their defaults and bear on the results, as JSON."""
+        document: dict[str, Any] = {}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name in _RUN_ONLY or value == field.default:
+                continue
+            if isinstance(value, Length):
+                value = str(value)
+            elif isinstance(value, Bounds):
+                value = list(asdict(value).values())
+            elif isinstance(value, tuple):
+                value = list(value)
+            document[field.name] = value
+        return document

@@ -1,0 +1,194 @@
+"""Output files that appear whole or not at all: temporary name beside, fsync, rename."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import re
+from pathlib import Path
+from types import TracebackType
+
+from volatool.errors import OutputError, OutputExistsError
+
+_TEMPORARY = re.compile(r"\.(?P<name>.+)\.volatool-(?P<pid>[0-9]+)\.tmp(\..+)?")
+
+
+class OutputSet:
+    """
+    The files of one run, renamed to their names together at the end.
+
+    Parameters
+    ----------
+    overwrite : bool
+        Whether outputs that exist may be replaced.
+
+    Notes
+    -----
+    Used as a context manager: leaving it without `commit` removes what was written. A killed run
+    leaves only hidden files ``.NAME.volatool-PID.tmp``, which the next run into that folder
+    removes when no process of that number is alive.
+    """
+
+    def __init__(self, overwrite: bool = False) -> None:
+        self.overwrite = overwrite
+        self._pending: dict[Path, Path] = {}
+        self._swept: set[Path] = set()
+
+    def __enter__(self) -> OutputSet:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for temporary in self._pending.values():
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+        self._pending.clear()
+
+    def add(self, target: Path) -> Path:
+        """
+        Return the temporary path to write an output to.
+
+        Parameters
+        ----------
+        target : pathlib.Path
+            The name it will have after `commit`.
+
+        Returns
+        -------
+        temporary : pathlib.Path
+            In the same folder, with the same last suffix (drivers look at it).
+
+        Raises
+        ------
+        OutputExistsError
+            If the target exists and must not be overwritten.
+        OutputError
+            If the folder can't be made or written.
+        """
+        refuse_existing([target], self.overwrite)
+        folder = target.parent
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise write_error(folder, error) from error
+        if folder not in self._swept:
+            sweep(folder)
+            self._swept.add(folder)
+        temporary = folder / f".{target.name}.volatool-{os.getpid()}.tmp{target.suffix}"
+        self._pending[target] = temporary
+        return temporary
+
+    def discard(self, target: Path) -> None:
+        """Drop an output that is not wanted after all."""
+        self._pending.pop(target).unlink(missing_ok=True)
+
+    def commit(self) -> list[Path]:
+        """
+        Make all outputs durable and give them their names.
+
+        Returns
+        -------
+        paths : list of pathlib.Path
+            In the order of `add`.
+
+        Raises
+        ------
+        OutputError
+            If one can't be written; those not renamed yet are removed.
+        """
+        folders = {target.parent for target in self._pending}
+        try:
+            for temporary in self._pending.values():
+                _sync(temporary)
+            paths = list(self._pending)
+            for target in paths:
+                self._pending[target].replace(target)
+                del self._pending[target]
+            for folder in folders:
+                _sync(folder)
+        except OSError as error:
+            raise write_error(error.filename or next(iter(folders)), error) from error
+        return paths
+
+
+def output_name(temporary: Path) -> str:
+    """
+    Return the name that a temporary path of `OutputSet.add` will have.
+
+    Examples
+    --------
+    >>> output_name(Path(".tile.dem.tif.volatool-123.tmp.tif"))
+    'tile.dem.tif'
+    """
+    match = _TEMPORARY.fullmatch(temporary.name)
+    return temporary.name if match is None else match["name"]
+
+
+def refuse_existing(targets: list[Path], overwrite: bool) -> None:
+    """
+    Raise if one of the outputs exists and must not be overwritten.
+
+    Raises
+    ------
+    OutputExistsError
+        Naming the first that exists.
+    """
+    for target in targets:
+        if target.is_dir():
+            raise OutputExistsError(f"{target}: is a folder, an output file was to be written")
+        if target.exists() and not overwrite:
+            raise OutputExistsError(f"{target}: exists; give --overwrite to replace it")
+
+
+def sweep(folder: Path) -> None:
+    """Remove temporary files of runs that are no longer alive."""
+    try:
+        entries = list(folder.iterdir())
+    except OSError as error:
+        raise write_error(folder, error) from error
+    for entry in entries:
+        match = _TEMPORARY.fullmatch(entry.name)
+        if match and not _is_alive(int(match["pid"])):
+            with contextlib.suppress(OSError):
+                entry.unlink()
+
+
+def write_error(path: object, error: OSError) -> OutputError:
+    """Return the error for a file or folder that could not be written."""
+    what_to_do = {
+        errno.ENOSPC: "free space there or choose another --outdir",
+        errno.EDQUOT: "free space there or choose another --outdir",
+        errno.EACCES: "check its permissions or choose another --outdir",
+        errno.EPERM: "check its permissions or choose another --outdir",
+        errno.EROFS: "choose another --outdir",
+    }.get(error.errno or 0, "choose another --outdir")
+    return OutputError(f"{path}: can't be written ({error.strerror or error}); {what_to_do}")
+
+
+def _is_alive(pid: int) -> bool:
+    if pid == os.getpid():
+        return True
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _sync(path: Path) -> None:
+    """Flush a file, or the names in a folder, to the disk."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # some file systems can't sync a folder
+            raise
+    finally:
+        os.close(descriptor)

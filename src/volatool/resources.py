@@ -1,0 +1,115 @@
+"""What the process and the machine have: resident memory, cores; and how a ceiling is kept."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+import resource
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from volatool.errors import ResourceError
+from volatool.units import format_size
+
+DEFAULT_MEMORY_BYTES = 1 << 30
+"""Ceiling when none is given."""
+
+RESERVE_BYTES = 48 << 20
+"""Kept free below the ceiling for what no budget counts: decoder buffers, chunk temporaries."""
+
+MIN_BUDGET_BYTES = 16 << 20
+"""Working arrays need at least this much."""
+
+
+def rss_bytes() -> int:
+    """Return the resident memory of this process now, in bytes (its peak where unknown)."""
+    with contextlib.suppress(OSError):
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+        return pages * os.sysconf("SC_PAGE_SIZE")
+    return peak_rss_bytes()
+
+
+def peak_rss_bytes() -> int:
+    """Return the largest resident memory this process has had, in bytes."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024
+
+
+def n_cores() -> int:
+    """Return how many cores this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:
+        return os.cpu_count() or 1
+
+
+def working_budget(ceiling_bytes: int) -> int:
+    """
+    Return how much of a memory ceiling is left for working arrays.
+
+    Parameters
+    ----------
+    ceiling_bytes : int
+        For the whole process.
+
+    Raises
+    ------
+    ResourceError
+        ``E_MEMORY``: the ceiling is too low for the process to work at all.
+    """
+    base = rss_bytes() + RESERVE_BYTES
+    if base + MIN_BUDGET_BYTES > ceiling_bytes:
+        raise ResourceError(
+            f"a ceiling of {format_size(ceiling_bytes)} can't be kept: this process needs at "
+            f"least {format_size(base + MIN_BUDGET_BYTES)}; raise --memory"
+        )
+    return ceiling_bytes - base
+
+
+def return_freed_memory() -> None:
+    """
+    Make the C library give freed memory back, now and from now on.
+
+    glibc raises its threshold for mapped blocks as large arrays come and go and then keeps the
+    freed ones; a fixed threshold keeps the resident size equal to what is in use.
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        libc = ctypes.CDLL(None)
+        m_mmap_threshold, m_trim_threshold = -3, -1
+        libc.mallopt(m_mmap_threshold, 256 << 10)
+        libc.mallopt(m_trim_threshold, 1 << 20)
+        libc.malloc_trim(0)
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """
+    What a run took; the ``resources`` object of the report.
+
+    Parameters
+    ----------
+    seconds : float
+        Wall time.
+    points_per_second : float
+        Points read over wall time.
+    peak_rss_bytes : int
+        Largest resident memory of the process.
+    workers : int
+        Processes that worked.
+    """
+
+    seconds: float
+    points_per_second: float
+    peak_rss_bytes: int
+    workers: int = 1
+
+    def to_dict(self) -> dict[str, float | int]:
+        """Return the JSON object."""
+        return {
+            "seconds": round(self.seconds, 3),
+            "points_per_second": round(self.points_per_second),
+            "peak_rss_bytes": self.peak_rss_bytes,
+            "workers": self.workers,
+        }

@@ -1,0 +1,268 @@
+"""Working memory under a ceiling: in RAM while it fits, in unlinked temporary files beyond.
+
+Results never depend on where an array lives; only the resident size of the process does.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from volatool.errors import ResourceError
+
+
+class Scratch:
+    """
+    A budget of working memory and the temporary files that take what is over it.
+
+    Parameters
+    ----------
+    budget_bytes : int, optional
+        How much the arrays of all users of this object may hold in RAM; None for no limit.
+    directory : pathlib.Path, optional
+        Where temporary files go; the system's folder for them by default. The files have no name
+        from their creation on (where the system can), so a killed process leaves none behind.
+    """
+
+    def __init__(self, budget_bytes: int | None = None, directory: Path | None = None) -> None:
+        self.budget_bytes = budget_bytes
+        self.directory = directory
+        self.used_bytes = 0
+        self.spilled_bytes = 0
+        self._maps: dict[int, mmap.mmap] = {}
+
+    def __enter__(self) -> Scratch:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._maps.clear()
+
+    def take(self, n_bytes: int, share: float = 1.0) -> bool:
+        """
+        Take memory from the budget if it is there.
+
+        Parameters
+        ----------
+        n_bytes : int
+            How much.
+        share : float
+            The part of the whole budget that may be in use afterwards.
+
+        Returns
+        -------
+        granted : bool
+            False: use a file. True: give it back with `give`.
+        """
+        if self.budget_bytes is not None and self.used_bytes + n_bytes > self.budget_bytes * share:
+            return False
+        self.used_bytes += n_bytes
+        return True
+
+    def give(self, n_bytes: int) -> None:
+        """Give memory back to the budget."""
+        self.used_bytes -= n_bytes
+
+    def file(self) -> BinaryIO:
+        """
+        Return an empty temporary file, read and write, gone when it is closed.
+
+        Raises
+        ------
+        ResourceError
+            ``E_MEMORY``: no temporary file can be made.
+        """
+        try:
+            return tempfile.TemporaryFile(dir=self.directory)
+        except OSError as error:
+            raise _no_space(self.directory, error) from error
+
+    def zeros(self, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+        """
+        Return an array of zeros, in RAM if the budget has it, else backed by a file.
+
+        Parameters
+        ----------
+        shape : tuple of int
+            Shape.
+        dtype : dtype
+            Data type.
+
+        Returns
+        -------
+        array : ndarray
+            A plain array either way; `relax` drops a file's pages from RAM, `free` gives it back.
+        """
+        dtype = np.dtype(dtype)
+        n_bytes = int(np.prod(shape, dtype=np.int64)) * dtype.itemsize
+        if n_bytes == 0 or self.take(n_bytes):
+            return np.zeros(shape, dtype)
+        with self.file() as file:
+            try:
+                # reserve the blocks now: a full disk is an error here and a SIGBUS later
+                os.posix_fallocate(file.fileno(), 0, n_bytes)
+            except OSError as error:
+                raise _no_space(self.directory, error) from error
+            mapped = mmap.mmap(file.fileno(), n_bytes)
+        self.spilled_bytes += n_bytes
+        array: NDArray[Any] = np.frombuffer(mapped, dtype).reshape(shape)
+        self._maps[array.ctypes.data] = mapped
+        return array
+
+    def relax(self, array: NDArray[Any], start: int = 0, stop: int | None = None) -> None:
+        """
+        Let rows of a file-backed array leave RAM until they are used again.
+
+        Parameters
+        ----------
+        array : ndarray
+            As `zeros` returned it; nothing happens to an array in RAM.
+        start, stop : int
+            Rows; all by default. Only whole pages inside them are dropped.
+        """
+        mapped = self._maps.get(array.ctypes.data)
+        if mapped is None:
+            return
+        stop = len(array) if stop is None else stop
+        row = array.strides[0]
+        page = mmap.PAGESIZE
+        first = -(-start * row // page) * page
+        last = stop * row if stop == len(array) else stop * row // page * page
+        if last > first:
+            mapped.madvise(mmap.MADV_DONTNEED, first, last - first)
+
+    def free(self, *arrays: NDArray[Any]) -> None:
+        """Give back what `zeros` returned; the arrays must not be used any more."""
+        for array in arrays:
+            if self._maps.pop(array.ctypes.data, None) is None:
+                self.give(array.nbytes)
+
+
+def _no_space(directory: Path | None, error: OSError) -> ResourceError:
+    where = directory or tempfile.gettempdir()
+    return ResourceError(
+        f"no room for temporary data in {where} ({error.strerror or error}); "
+        "set TMPDIR to a larger folder or raise --memory"
+    )
+
+
+class Spool:
+    """
+    Rows appended in order and read back in the same order, spilled to a file when over budget.
+
+    Parameters
+    ----------
+    scratch : Scratch
+        The budget.
+    dtype : dtype
+        Of one row; may be structured.
+    share : float
+        Part of the whole budget that may be in use when rows are kept in RAM.
+    """
+
+    def __init__(self, scratch: Scratch, dtype: DTypeLike, share: float = 1.0) -> None:
+        self.scratch = scratch
+        self.dtype = np.dtype(dtype)
+        self.share = share
+        self.n_rows = 0
+        self._kept: list[NDArray[Any]] = []
+        self._file: BinaryIO | None = None
+
+    def __len__(self) -> int:
+        return self.n_rows
+
+    def append(self, rows: NDArray[Any]) -> None:
+        """
+        Append rows.
+
+        Parameters
+        ----------
+        rows : (n,) array of the spool's dtype
+            Kept as it is, not copied, while in RAM: the caller must not change it.
+        """
+        if not len(rows):
+            return
+        self.n_rows += len(rows)
+        if self._file is None:
+            if self.scratch.take(rows.nbytes, self.share):
+                self._kept.append(rows)
+                return
+            self._file = self.scratch.file()
+            for kept in self._kept:
+                self._write(kept)
+            self._give_kept()
+        self._write(rows)
+
+    def _write(self, rows: NDArray[Any]) -> None:
+        assert self._file is not None
+        try:
+            self._file.write(np.ascontiguousarray(rows).view(np.uint8).data)
+        except OSError as error:
+            raise _no_space(self.scratch.directory, error) from error
+        self.scratch.spilled_bytes += rows.nbytes
+
+    def _give_kept(self) -> None:
+        for kept in self._kept:
+            self.scratch.give(kept.nbytes)
+        self._kept = []
+
+    def pieces(self, max_rows: int = 1 << 18) -> Iterator[NDArray[Any]]:
+        """
+        Yield the rows in order, in pieces that do not depend on how they were appended.
+
+        Parameters
+        ----------
+        max_rows : int
+            Rows of every piece but the last, which may have fewer.
+
+        Yields
+        ------
+        rows : (n,) array of the spool's dtype
+            Not to be changed.
+        """
+        if self._file is None:
+            yield from _recut(self._kept, max_rows)
+            return
+        self._file.flush()
+        for start in range(0, self.n_rows, max_rows):
+            n_rows = min(max_rows, self.n_rows - start)
+            self._file.seek(start * self.dtype.itemsize)
+            yield np.frombuffer(self._file.read(n_rows * self.dtype.itemsize), self.dtype)
+
+    def close(self) -> None:
+        """Drop the rows and give the memory back."""
+        self._give_kept()
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+        self.n_rows = 0
+
+
+def _recut(arrays: list[NDArray[Any]], max_rows: int) -> Iterator[NDArray[Any]]:
+    """Yield the rows of arrays, in pieces of `max_rows` (the last may be shorter)."""
+    waiting: list[NDArray[Any]] = []
+    n_waiting = 0
+    for array in arrays:
+        start = 0
+        while start < len(array):
+            part = array[start : start + max_rows - n_waiting]
+            start += len(part)
+            n_waiting += len(part)
+            waiting.append(part)
+            if n_waiting == max_rows:
+                yield waiting[0] if len(waiting) == 1 else np.concatenate(waiting)
+                waiting, n_waiting = [], 0
+    if waiting:
+        yield waiting[0] if len(waiting) == 1 else np.concatenate(waiting)

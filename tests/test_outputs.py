@@ -1,0 +1,70 @@
+"""Outputs appear whole or not at all."""
+
+import os
+
+import pytest
+
+from volatool.errors import OutputError, OutputExistsError
+from volatool.outputs import OutputSet, output_name, sweep
+
+
+def names(folder):
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_nothing_shows_before_commit_and_everything_after(tmp_path):
+    with OutputSet() as outputs:
+        for name in ("a.vol.gz", "a.dem.tif"):
+            temporary = outputs.add(tmp_path / "new" / name)
+            temporary.write_text(name)
+            assert temporary.suffix == os.path.splitext(name)[1]
+            assert output_name(temporary) == name
+        assert not [name for name in names(tmp_path / "new") if not name.startswith(".")]
+        paths = outputs.commit()
+    assert names(tmp_path / "new") == ["a.dem.tif", "a.vol.gz"]
+    assert [path.read_text() for path in paths] == ["a.vol.gz", "a.dem.tif"]
+
+
+def test_an_error_leaves_the_old_output_and_nothing_else(tmp_path):
+    (tmp_path / "a").write_text("old")
+    with pytest.raises(RuntimeError), OutputSet(overwrite=True) as outputs:
+        outputs.add(tmp_path / "a").write_text("new")
+        raise RuntimeError
+    assert names(tmp_path) == ["a"]
+    assert (tmp_path / "a").read_text() == "old"
+
+
+def test_existing_outputs_are_refused_unless_asked(tmp_path):
+    (tmp_path / "a").write_text("old")
+    with OutputSet() as outputs, pytest.raises(OutputExistsError, match="--overwrite"):
+        outputs.add(tmp_path / "a")
+    with OutputSet(overwrite=True) as outputs:
+        outputs.add(tmp_path / "a").write_text("new")
+        outputs.commit()
+    assert (tmp_path / "a").read_text() == "new"
+
+
+def test_a_folder_in_place_of_an_output_is_refused_even_with_overwrite(tmp_path):
+    (tmp_path / "a").mkdir()
+    with OutputSet(overwrite=True) as outputs, pytest.raises(OutputExistsError, match="folder"):
+        outputs.add(tmp_path / "a")
+
+
+def test_a_file_in_place_of_the_folder_is_a_write_error(tmp_path):
+    (tmp_path / "file").touch()
+    with OutputSet() as outputs, pytest.raises(OutputError, match="can't be written"):
+        outputs.add(tmp_path / "file" / "a")
+
+
+def test_leftovers_of_dead_processes_are_swept_and_those_of_living_ones_kept(tmp_path):
+    dead, alive = f".a.vol.volatool-{2**22 + 1}.tmp.vol", f".b.vol.volatool-{os.getppid()}.tmp.vol"
+    for name in (dead, alive, "c.vol", ".hidden"):
+        (tmp_path / name).touch()
+    sweep(tmp_path)
+    assert names(tmp_path) == sorted([alive, "c.vol", ".hidden"])
+
+
+def test_an_output_that_was_never_written_is_an_error(tmp_path):
+    with OutputSet() as outputs, pytest.raises(OutputError):
+        outputs.add(tmp_path / "a")
+        outputs.commit()
