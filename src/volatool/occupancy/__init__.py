@@ -1,0 +1,1 @@
+"""How full the blocks of each level are, and the depth that follows."""

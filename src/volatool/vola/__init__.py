@@ -1,0 +1,1 @@
+"""Volumes: building them in bounded memory, holding them, their metadata."""

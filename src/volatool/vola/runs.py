@@ -1,0 +1,326 @@
+"""Sorted runs of keys or rows of sums: merged as they grow, spilled to files when over budget.
+
+The runs form a stack in which each is more than twice as long as the next one, so a row takes part
+in few merges. When memory runs out the whole stack goes to one sorted file; sixteen files of a
+size become one. What comes out at the end is one sorted stream, whatever happened before.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any, BinaryIO, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volatool.errors import ResourceError
+from volatool.model import I64, U64
+from volatool.scratch import Scratch
+
+Rows: TypeAlias = NDArray[Any]
+
+PIECE_BYTES = 1 << 19
+"""Size of the pieces in which runs are read, merged and written."""
+
+_FAN_IN = 16
+
+
+class Runs:
+    """
+    A growing sorted collection of rows without repeated keys; the base of the two kinds below.
+
+    Parameters
+    ----------
+    scratch : Scratch
+        Budget and temporary files.
+    share : float
+        Part of the whole budget that may be in use when runs are kept in RAM.
+    """
+
+    dtype: Any = np.uint64
+    row_shape: tuple[int, ...] = ()
+
+    def __init__(self, scratch: Scratch, share: float = 0.7) -> None:
+        self._scratch = scratch
+        self._share = share
+        self._stack: list[Rows] = []
+        self._tiers: list[list[_FileRun]] = []
+        self._digits = 0  # by how many the keys of files may have to be shortened; see SumRuns
+
+    # what the two kinds differ in
+
+    def _keys(self, rows: Rows) -> Rows:
+        return rows
+
+    def _merge(self, left: Rows, right: Rows) -> Rows:
+        raise NotImplementedError
+
+    def _fold(self, rows: Rows, digits: int) -> Rows:
+        raise NotImplementedError
+
+    def _grown(self, rows: Rows) -> None:
+        pass
+
+    def push(self, rows: Rows) -> None:
+        """
+        Add a run.
+
+        Parameters
+        ----------
+        rows : array of the kind's rows
+            Sorted, keys not repeated. Taken over: the caller must not change it.
+        """
+        if not len(rows):
+            return
+        if not self._scratch.take(_held_bytes(rows), self._share):
+            self._spill(rows)
+            return
+        self._stack.append(rows)
+        while len(self._stack) > 1 and len(self._stack[-2]) <= 2 * len(self._stack[-1]):
+            if not self._merge_last_two():
+                break
+        self._grown(self._stack[-1])
+
+    def _merge_last_two(self) -> bool:
+        left, right = self._stack[-2:]
+        expected = left.nbytes + right.nbytes
+        if not self._scratch.take(expected, self._share):
+            return False
+        merged = self._merge(left, right)
+        if merged.nbytes < expected * 7 // 8:
+            merged = merged.copy()  # a view would hold the whole array that it was cut from
+        self._stack[-2:] = [merged]
+        self._scratch.give(expected - _held_bytes(merged))
+        self._scratch.give(_held_bytes(left) + _held_bytes(right))
+        return True
+
+    def _spill(self, rows: Rows) -> None:
+        """Write the stack and one more run to one file."""
+        streams = [self._slices(run) for run in (*self._stack, rows)]
+        self._add_file(0, self._written(self._merged(streams)))
+        self._clear_stack()
+
+    def _add_file(self, tier: int, run: _FileRun) -> None:
+        if tier == len(self._tiers):
+            self._tiers.append([])
+        self._tiers[tier].append(run)
+        if len(self._tiers[tier]) == _FAN_IN:
+            together = self._written(self._merged([self._read(r) for r in self._tiers[tier]]))
+            for old in self._tiers[tier]:
+                old.file.close()
+            self._tiers[tier] = []
+            self._add_file(tier + 1, together)
+
+    def _written(self, pieces: Iterator[Rows]) -> _FileRun:
+        run = _FileRun(self._scratch.file(), self._digits)
+        try:
+            for piece in pieces:
+                run.file.write(np.ascontiguousarray(piece).view(np.uint8).data)
+                run.n_rows += len(piece)
+                self._scratch.spilled_bytes += piece.nbytes
+            run.file.flush()
+        except OSError as error:
+            with contextlib.suppress(OSError):  # closing writes what is left, in vain
+                run.file.close()
+            raise ResourceError(
+                f"no room for temporary data ({error.strerror or error}); "
+                "set TMPDIR to a larger folder or raise --memory"
+            ) from error
+        return run
+
+    def _piece_rows(self) -> int:
+        return PIECE_BYTES // (np.dtype(self.dtype).itemsize * int(np.prod(self.row_shape)))
+
+    def _slices(self, rows: Rows) -> Iterator[Rows]:
+        step = self._piece_rows()
+        for start in range(0, len(rows), step):
+            yield rows[start : start + step]
+
+    def _read(self, run: _FileRun) -> Iterator[Rows]:
+        pieces = self._read_raw(run)
+        digits = self._digits - run.digits
+        return pieces if digits == 0 else self._folded(pieces, digits)
+
+    def _read_raw(self, run: _FileRun) -> Iterator[Rows]:
+        step = self._piece_rows()
+        row_bytes = np.dtype(self.dtype).itemsize * int(np.prod(self.row_shape))
+        for start in range(0, run.n_rows, step):
+            # into an array of our own: one over read-only bytes would be another type to numba
+            rows = np.empty((min(step, run.n_rows - start), *self.row_shape), self.dtype)
+            run.file.seek(start * row_bytes)
+            run.file.readinto(rows.view(np.uint8).data)  # type: ignore[attr-defined]
+            yield rows
+
+    def _folded(self, pieces: Iterator[Rows], digits: int) -> Iterator[Rows]:
+        raise NotImplementedError
+
+    def _merged(self, streams: list[Iterator[Rows]]) -> Iterator[Rows]:
+        """Merge sorted streams: each time the rows up to the least of the last keys in sight."""
+        heads: list[Rows] = []
+        alive: list[Iterator[Rows]] = []
+        for stream in streams:
+            first = next(stream, None)
+            if first is not None:
+                heads.append(first)
+                alive.append(stream)
+        while heads:
+            bound = min(self._keys(head)[-1] for head in heads)
+            taken = []
+            for i, head in enumerate(heads):
+                stop = int(np.searchsorted(self._keys(head), bound, side="right"))
+                if stop:
+                    taken.append(head[:stop])
+                heads[i] = head[stop:]
+            while len(taken) > 1:  # as a tree, so that a row takes part in few merges
+                taken = [
+                    self._merge(*taken[k : k + 2]) if k + 1 < len(taken) else taken[k]
+                    for k in range(0, len(taken), 2)
+                ]
+            yield taken[0]
+            for i in range(len(heads) - 1, -1, -1):
+                if not len(heads[i]):
+                    following = next(alive[i], None)
+                    if following is None:
+                        del heads[i], alive[i]
+                    else:
+                        heads[i] = following
+
+    def stream(self) -> Iterator[Rows]:
+        """
+        Yield all rows in order, in pieces.
+
+        Yields
+        ------
+        rows : array of the kind's rows
+            Sorted; no key twice in all pieces together. Not to be changed.
+        """
+        files = [self._read(run) for tier in self._tiers for run in tier]
+        return self._merged(files + [self._slices(run) for run in self._stack])
+
+    def _clear_stack(self) -> None:
+        for run in self._stack:
+            self._scratch.give(_held_bytes(run))
+        self._stack = []
+
+    def close(self) -> None:
+        """Drop everything and give the memory back."""
+        self._clear_stack()
+        for tier in self._tiers:
+            for run in tier:
+                run.file.close()
+        self._tiers = []
+
+
+class _FileRun:
+    """A sorted run in a file of its own."""
+
+    def __init__(self, file: BinaryIO, digits: int) -> None:
+        self.file = file
+        self.n_rows = 0
+        self.digits = digits
+
+
+def _held_bytes(rows: Rows) -> int:
+    """Return the size of the array that the rows keep alive."""
+    base = rows.base
+    return int(base.nbytes) if isinstance(base, np.ndarray) else int(rows.nbytes)
+
+
+class KeyRuns(Runs):
+    """
+    Sorted path keys, uint64; a key that is there twice counts once.
+
+    Parameters
+    ----------
+    scratch, share :
+        As for `Runs`.
+    depth : int
+        Level of the keys.
+    on_growth : callable, optional
+        Called now and then with how many cells of level 0 to `depth` are occupied for certain,
+        (depth + 1,) int64: the counts of the longest run so far.
+    """
+
+    def __init__(
+        self,
+        scratch: Scratch,
+        depth: int,
+        share: float = 0.7,
+        on_growth: Callable[[I64], None] | None = None,
+    ) -> None:
+        super().__init__(scratch, share)
+        self._depth = depth
+        self._on_growth = on_growth
+        self._longest = 0
+
+    def _merge(self, left: Rows, right: Rows) -> Rows:
+        from volatool.kernels import levels
+
+        merged: U64 = levels.merge_keys(left, right)
+        return merged
+
+    def _grown(self, rows: Rows) -> None:
+        from volatool.kernels import levels
+
+        if self._on_growth is not None and len(rows) > self._longest + self._longest // 4:
+            self._longest = len(rows)
+            self._on_growth(levels.prefix_counts(rows, self._depth))
+
+    def _written(self, pieces: Iterator[Rows]) -> _FileRun:
+        if self._on_growth is None:
+            return super()._written(pieces)
+        from volatool.kernels import levels
+
+        least = np.zeros(self._depth + 1, np.int64)
+
+        def watched() -> Iterator[Rows]:
+            for piece in pieces:
+                # a cell may be in two pieces that follow each other, hence less one each
+                least[:] += levels.prefix_counts(piece, self._depth) - 1
+                yield piece
+
+        run = super()._written(watched())
+        self._on_growth(least)
+        return run
+
+
+class SumRuns(Runs):
+    """Rows of sums (n, 8) int64 by block and class; rows with the same key are added."""
+
+    dtype = np.int64
+    row_shape = (8,)
+
+    def _keys(self, rows: Rows) -> Rows:
+        return rows[:, 0]
+
+    def _merge(self, left: Rows, right: Rows) -> Rows:
+        from volatool.kernels import reduce
+
+        merged: I64 = reduce.merge_rows(left, right)
+        return merged
+
+    def coarsen(self, digits: int) -> None:
+        """Make the blocks `digits` levels coarser: in RAM now, in files when they are read."""
+        from volatool.kernels import reduce
+
+        self._digits += digits
+        stack, self._stack = self._stack, []
+        for run in stack:
+            self._scratch.give(_held_bytes(run))
+        for run in stack:
+            self.push(reduce.fold_rows(run, digits).copy())
+
+    def _folded(self, pieces: Iterator[Rows], digits: int) -> Iterator[Rows]:
+        from volatool.kernels import reduce
+
+        held = np.empty((0, 8), np.int64)
+        for piece in pieces:
+            rows = reduce.fold_rows(np.concatenate([held, piece]), 0)
+            blocks = rows[:, 0] >> (8 + 6 * digits)
+            cut = int(np.searchsorted(blocks, blocks[-1]))  # the last block may go on
+            held = rows[cut:]
+            if cut:
+                yield reduce.fold_rows(rows[:cut], digits)
+        if len(held):
+            yield reduce.fold_rows(held, digits)
