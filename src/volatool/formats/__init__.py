@@ -1,0 +1,1 @@
+"""Volumes to bytes and back, one format a file."""
