@@ -1,0 +1,1 @@
+"""Streams of points from LAS, LAZ and COPC files, their CRS and their selection."""

@@ -1,0 +1,220 @@
+"""What a CRS is called, its units, and places in it; pyproj is imported only by the crs modules."""
+
+from __future__ import annotations
+
+import functools
+import math
+import warnings as python_warnings
+from fractions import Fraction
+from typing import Any, TypeAlias
+
+import pyproj
+import pyproj.database
+from pyproj.exceptions import CRSError as ForeignCRSError
+from pyproj.exceptions import ProjError
+
+from volatool.errors import CRSError
+from volatool.model import Bounds, CrsInfo
+from volatool.points.units import linear_unit
+
+CrsLike: TypeAlias = str | CrsInfo | None
+
+
+def crs_from_user(text: str, source: str = "override") -> CrsInfo:
+    """
+    Return the CRS that a user names.
+
+    Parameters
+    ----------
+    text : str
+        ``"EPSG:2994"``, ``"EPSG:2994+5703"`` (with the vertical part), WKT, PROJ.
+    source : str
+        What `CrsInfo.source` is to say.
+
+    Raises
+    ------
+    CRSError
+        ``E_CRS``: PROJ does not know it.
+    """
+    try:
+        with python_warnings.catch_warnings():
+            python_warnings.simplefilter("ignore")
+            return describe(pyproj.CRS.from_user_input(text.strip()), source)
+    except (ForeignCRSError, ProjError) as error:
+        told = str(error).splitlines()[0]
+        raise CRSError(
+            f"CRS {text!r} is not known: {told}; give EPSG:x, EPSG:x+y or WKT"
+        ) from error
+
+
+def describe(crs: pyproj.CRS, source: str) -> CrsInfo:
+    """
+    Return what we keep of a pyproj CRS.
+
+    Parameters
+    ----------
+    crs : pyproj.CRS
+        Any kind: projected, geographic, compound, 3-D, geocentric, bound, local.
+    source : str
+        For `CrsInfo.source`.
+    """
+    crs = unbound(crs)
+    horizontal, vertical = split(crs)
+    axes = horizontal.axis_info
+    unit_xy, metres_xy = _axis_unit(axes[0]) if axes else (None, None)
+    unit_z, metres_z, vertical_name = None, None, None
+    if vertical is not None:
+        vertical_name = _name(vertical)
+        if vertical.axis_info:
+            unit_z, metres_z = _axis_unit(vertical.axis_info[0])
+    elif len(axes) == 3:
+        unit_z, metres_z = _axis_unit(axes[2])
+        vertical_name = None if horizontal.is_geocentric else "ellipsoidal height"
+    return CrsInfo(
+        wkt2=_wkt2(crs),
+        horizontal=_name(horizontal),
+        vertical=vertical_name,
+        epsg=_epsg(horizontal),
+        unit_xy=unit_xy,
+        unit_z=unit_z,
+        metres_per_unit_xy=metres_xy,
+        metres_per_unit_z=metres_z,
+        is_geographic=horizontal.is_geographic,
+        source=source,
+    )
+
+
+def database_version() -> str:
+    """Return the versions of PROJ and of its EPSG data, for `doctor`."""
+    epsg = pyproj.database.get_database_metadata("EPSG.VERSION")
+    return f"PROJ {pyproj.proj_version_str}, EPSG {epsg or 'unknown'}"
+
+
+def split(crs: pyproj.CRS) -> tuple[pyproj.CRS, pyproj.CRS | None]:
+    """Return the horizontal and the vertical part."""
+    if crs.is_compound and len(crs.sub_crs_list) >= 2:
+        return unbound(crs.sub_crs_list[0]), unbound(crs.sub_crs_list[1])
+    return crs, None
+
+
+def unbound(crs: pyproj.CRS) -> pyproj.CRS:
+    """Return the CRS without a transformation to another (TOWGS84) tied to it."""
+    while crs.is_bound and crs.source_crs is not None:
+        crs = crs.source_crs
+    if crs.is_compound and any(part.is_bound for part in crs.sub_crs_list):
+        parts = [unbound(part) for part in crs.sub_crs_list]
+        return pyproj.crs.CompoundCRS(name=crs.name, components=parts)
+    return crs
+
+
+def utm_for(crs: CrsInfo, bounds: Bounds) -> str | None:
+    """
+    Return the UTM zone (WGS 84) of the middle of a rectangle.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        Of the bounds; degrees are longitude, latitude.
+    bounds : Bounds
+        The rectangle.
+
+    Returns
+    -------
+    code : str or None
+        ``"EPSG:32631"``; polar stereographic beyond 84 N and 80 S; None if there is no such place.
+
+    Examples
+    --------
+    >>> utm_for(CrsInfo(is_geographic=True), Bounds(4.3, 51.9, 4.5, 52.1))
+    'EPSG:32631'
+    """
+    x, y = (bounds.left + bounds.right) / 2, (bounds.bottom + bounds.top) / 2
+    place = latlon(crs, x, y)
+    if place is None and crs.is_geographic and crs.wkt2 is None:
+        place = (y, x)
+    if place is None or not (abs(place[0]) <= 90 and abs(place[1]) <= 540):
+        return None
+    lat, lon = place
+    if lat > 84:
+        return "EPSG:32661"
+    if lat < -80:
+        return "EPSG:32761"
+    zone = int((lon + 180) // 6) % 60 + 1
+    return f"EPSG:{32600 + zone if lat >= 0 else 32700 + zone}"
+
+
+def latlon(crs: CrsInfo, x: float, y: float) -> tuple[float, float] | None:
+    """
+    Return a point's latitude and longitude in WGS 84.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        Of the point.
+    x, y : float
+        Easting and northing, or longitude and latitude.
+
+    Returns
+    -------
+    place : (float, float) or None
+        Degrees; None without a CRS, for geocentric ones, and where the projection has no inverse.
+    """
+    if crs.wkt2 is None or not (math.isfinite(x) and math.isfinite(y)):
+        return None
+    try:
+        horizontal, _ = split(pyproj.CRS.from_wkt(crs.wkt2))
+        if horizontal.is_geocentric:
+            return None
+        transformer = pyproj.Transformer.from_crs(horizontal, "EPSG:4326", always_xy=True)
+        lon, lat = transformer.transform(x, y)
+    except (ForeignCRSError, ProjError):
+        return None
+    if not (math.isfinite(lat) and math.isfinite(lon)) or abs(lat) > 90:
+        return None
+    return float(lat), float(lon)
+
+
+def _wkt2(crs: pyproj.CRS) -> str | None:
+    """Return WKT2:2019, or the older WKT of what can't be written so."""
+    for version in ("WKT2_2019", "WKT2_2019_SIMPLIFIED", "WKT1_GDAL"):
+        try:
+            return str(crs.to_wkt(version))
+        except (ForeignCRSError, ProjError):
+            continue
+    return None
+
+
+def _axis_unit(axis: Any) -> tuple[str, Fraction | None]:
+    """Return the name of an axis's unit and its length, None for angles."""
+    name, factor = str(axis.unit_name), float(axis.unit_conversion_factor)
+    if abs(factor - math.pi / 180) < 1e-9:
+        return "degree", None
+    if name in ("grad", "radian") or not factor > 0:
+        return name, None
+    return linear_unit(name, factor)
+
+
+def _name(crs: pyproj.CRS) -> str | None:
+    epsg = _epsg(crs)
+    return f"EPSG:{epsg}" if epsg is not None else (crs.name or None)
+
+
+def _epsg(crs: pyproj.CRS) -> int | None:
+    return _epsg_of_wkt(crs.to_wkt("WKT2_2019"))
+
+
+@functools.lru_cache(maxsize=64)
+def _epsg_of_wkt(wkt: str) -> int | None:
+    """
+    Return the EPSG code that the text has, else the one that PROJ finds (0.1 s).
+
+    Its own goes first: old WKT of northing-easting systems (EPSG:31467) is written and stored the
+    other way round, and PROJ would name another code for that (5677).
+    """
+    try:
+        crs = pyproj.CRS.from_wkt(wkt)
+        named = crs.to_json_dict().get("id", {})
+        code = named.get("code") if named.get("authority") == "EPSG" else crs.to_epsg()
+    except (ForeignCRSError, ProjError):
+        return None
+    return None if code is None else int(code)
