@@ -1,0 +1,83 @@
+"""The report of a VOLA file: the same tables as for the points it was made from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from volatool.encodings import encoding_row, encodings_of
+from volatool.formats.registry import open_volume
+from volatool.model import LevelCounts
+from volatool.occupancy.depth import fixed_depth
+from volatool.occupancy.levels import level_rows
+from volatool.options import ConvertOptions
+from volatool.report import Report
+
+
+def volume_report(path: Path, options: ConvertOptions) -> Report:
+    """
+    Return the report of a VOLA file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        ``.vol``, ``.dvol``, gzip or not.
+    options : ConvertOptions
+        As in a conversion; only what goes into the report's ``tool``.
+
+    Notes
+    -----
+    What only the points can tell is null, or known from the file's trailer.
+    """
+    volume = open_volume(path)
+    info = volume.info
+    counts: list[LevelCounts] = volume.counts()
+    n_points = info.n_points
+    size = path.stat().st_size
+    crs = volume.crs
+    x, y, z = volume.cube.origin
+    far = [value + volume.cube.side for value in (x, y, z / float(crs.z_ratio))]
+    source: dict[str, Any] = {
+        "name": path.name,
+        "bytes": size,
+        "las_version": None,
+        "point_format": None,
+        "compressed": None,
+        "las_equivalent_bytes": None,
+        "points_header": None,
+        "points_read": None,
+        "points_used": n_points or 0,
+        "dropped": {},
+        "classes": {},
+        "returns": {},
+        "bbox": list(info.box) if info.box is not None else [x, y, z, *far],
+        "density": {
+            "all_per_area_bbox": None,
+            "all_per_area_occupied": None,
+            "first_per_area_occupied": None,
+            "occupied_cell": None,
+        },
+        "crs": crs.to_dict(),
+    }
+    return Report(
+        status="ok",
+        input=source,
+        cube={
+            "origin": list(volume.cube.origin),
+            "side": volume.cube.side,
+            "unit": crs.unit_xy,
+            "snapped": volume.cube.is_snapped,
+            "z_scale": float(crs.z_ratio),
+        },
+        levels=tuple(row.to_dict() for row in level_rows(counts, volume.cube.side, n_points)),
+        choice={
+            **fixed_depth(volume.depth, volume.cube, counts).to_dict(),
+            "reason": f"the file has {volume.depth} levels",
+        },
+        encodings=tuple(
+            encoding_row(volume, encoding, None, None, info.source_bytes)
+            for encoding in encodings_of(volume)
+        ),
+        options=options.given(),
+        warnings=info.warnings,
+    )
