@@ -16,12 +16,14 @@ if TYPE_CHECKING:
     from volatool.api import convert, stats
     from volatool.cube import Cube
     from volatool.formats.registry import open_volume as open
+    from volatool.model import Bounds
     from volatool.points.reader import stream
     from volatool.report import Report
     from volatool.vola.builder import VolaBuilder
     from volatool.vola.volume import Volume
 
 _PLACES = {
+    "Bounds": ("volatool.model", "Bounds"),
     "Cube": ("volatool.cube", "Cube"),
     "Report": ("volatool.report", "Report"),
     "VolaBuilder": ("volatool.vola.builder", "VolaBuilder"),
@@ -33,6 +35,7 @@ _PLACES = {
 }
 
 __all__ = [
+    "Bounds",
     "Cube",
     "Report",
     "VolaBuilder",

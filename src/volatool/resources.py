@@ -16,11 +16,14 @@ from volatool.units import format_size
 DEFAULT_MEMORY_BYTES = 1 << 30
 """Ceiling when none is given."""
 
-RESERVE_BYTES = 48 << 20
+RESERVE_BYTES = 40 << 20
 """Kept free below the ceiling for what no budget counts: decoder buffers, chunk temporaries."""
 
-MIN_BUDGET_BYTES = 16 << 20
+MIN_BUDGET_BYTES = 12 << 20
 """Working arrays need at least this much."""
+
+
+_LARGE_LIBRARY_BYTES = 8 << 20
 
 
 def rss_bytes() -> int:
@@ -59,13 +62,34 @@ def working_budget(ceiling_bytes: int) -> int:
     ResourceError
         ``E_MEMORY``: the ceiling is too low for the process to work at all.
     """
-    base = rss_bytes() + RESERVE_BYTES
-    if base + MIN_BUDGET_BYTES > ceiling_bytes:
+    _load_libraries()
+    used = rss_bytes()
+    least = used + RESERVE_BYTES // 2 + MIN_BUDGET_BYTES
+    if least > ceiling_bytes:
         raise ResourceError(
             f"a ceiling of {format_size(ceiling_bytes)} can't be kept: this process needs at "
-            f"least {format_size(base + MIN_BUDGET_BYTES)}; raise --memory"
+            f"least {format_size(least)}; raise --memory"
         )
-    return ceiling_bytes - base
+    return max(MIN_BUDGET_BYTES, ceiling_bytes - used - RESERVE_BYTES)
+
+
+def _load_libraries() -> None:
+    """Load what a conversion loads anyway, so that it is counted before memory is shared out."""
+    import numpy as np
+
+    from volatool.kernels import (
+        binning,
+        contiguity,
+        levels,
+        multigrid,
+        quantize,
+        reduce,
+        spring,
+        words,
+    )
+
+    del binning, contiguity, levels, multigrid, reduce, spring, words
+    quantize.key_cells(np.zeros(1, np.uint64), 1)  # the first kernel brings in the compiler
 
 
 def return_freed_memory() -> None:
@@ -81,6 +105,27 @@ def return_freed_memory() -> None:
         libc.mallopt(m_mmap_threshold, 256 << 10)
         libc.mallopt(m_trim_threshold, 1 << 20)
         libc.malloc_trim(0)
+
+
+def drop_library_code() -> None:
+    """
+    Let the code of large libraries leave RAM until it is used again (Linux).
+
+    Of numba's compiler some 50 MiB stay resident after the kernels are loaded and are not needed
+    to run them. Only read-only executable mappings of files are touched: their pages are the
+    file's, so that nothing can be lost.
+    """
+    madv_dontneed = 4
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        libc = ctypes.CDLL(None)
+        libc.madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+        for line in Path("/proc/self/maps").read_text(encoding="utf-8").splitlines():
+            fields = line.split(maxsplit=5)
+            if len(fields) < 6 or fields[1] != "r-xp" or not fields[5].startswith("/"):
+                continue
+            start, stop = (int(end, 16) for end in fields[0].split("-"))
+            if stop - start >= _LARGE_LIBRARY_BYTES:
+                libc.madvise(start, stop - start, madv_dontneed)
 
 
 @dataclass(frozen=True, slots=True)

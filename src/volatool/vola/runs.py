@@ -8,6 +8,7 @@ size become one. What comes out at the end is one sorted stream, whatever happen
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO, TypeAlias
 
@@ -130,7 +131,8 @@ class Runs:
         return run
 
     def _piece_rows(self) -> int:
-        return PIECE_BYTES // (np.dtype(self.dtype).itemsize * int(np.prod(self.row_shape)))
+        row_bytes = np.dtype(self.dtype).itemsize * math.prod(self.row_shape)
+        return int(PIECE_BYTES // row_bytes)
 
     def _slices(self, rows: Rows) -> Iterator[Rows]:
         step = self._piece_rows()

@@ -1,0 +1,119 @@
+"""The two calls that most Python users need: convert a tile, and its statistics alone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from volatool.errors import OptionError
+from volatool.model import Progress, no_progress
+from volatool.options import ConvertOptions
+from volatool.report import Report
+from volatool.tile import convert_tile
+
+
+def convert(
+    path: str | os.PathLike[str],
+    outdir: str | os.PathLike[str] | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Progress = no_progress,
+    **options: Any,
+) -> Report:
+    """
+    Convert a tile to a volume, an elevation model and a report.
+
+    Parameters
+    ----------
+    path : path
+        LAS, LAZ or COPC.
+    outdir : path, optional
+        Folder for the outputs, made if need be; beside the input by default.
+    overwrite : bool
+        Replace outputs that exist.
+    progress : callable
+        Called with (points done, points of the file).
+    **options
+        Of `volatool.options.ConvertOptions`.
+
+    Returns
+    -------
+    report : Report
+        ``report.paths`` are the files written.
+
+    Raises
+    ------
+    VolatoolError
+        Nothing is left behind then.
+    """
+    folder = None if outdir is None else Path(outdir)
+    checked = _options(options)
+    return convert_tile(Path(path), checked, outdir=folder, overwrite=overwrite, progress=progress)
+
+
+def stats(
+    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    *,
+    progress: Progress = no_progress,
+    **options: Any,
+) -> Statistics:
+    """
+    Return the reports of point or VOLA files; nothing is written.
+
+    Parameters
+    ----------
+    paths : path or sequence of paths
+        LAS, LAZ, COPC or VOLA files.
+    progress : callable
+        Called with (points done, points of the file) of each.
+    **options
+        Of `volatool.options.ConvertOptions`.
+
+    Raises
+    ------
+    VolatoolError
+        From the first file that can't be used.
+    """
+    if isinstance(paths, str | os.PathLike):
+        paths = [paths]
+    checked = _options(options)
+    return Statistics(
+        [convert_tile(Path(path), checked, kind="stats", progress=progress) for path in paths]
+    )
+
+
+class Statistics(list[Report]):
+    """Reports of several inputs, in order."""
+
+    def summary(self) -> Report:
+        """Return their sum."""
+        from volatool.summary import summarize
+
+        return summarize(self)
+
+    def to_frame(self) -> Any:
+        """
+        Return a pandas table, one row per input and level.
+
+        Raises
+        ------
+        OptionError
+            pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise OptionError("to_frame needs pandas: pip install pandas") from error
+        from volatool.tables import level_records
+
+        return pandas.DataFrame.from_records(level_records(self))
+
+
+def _options(options: dict[str, Any]) -> ConvertOptions:
+    """Return checked options; an unknown name is an error that says so."""
+    try:
+        return ConvertOptions(**options)
+    except TypeError as error:
+        raise OptionError(f"unknown option: {error}") from error

@@ -1,0 +1,1 @@
+"""Many tiles: arguments to inputs, output names, one report each."""

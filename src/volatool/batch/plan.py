@@ -1,0 +1,135 @@
+"""Arguments to a list of inputs, inputs to output names; collisions are found before any work."""
+
+from __future__ import annotations
+
+import glob
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from volatool.errors import InputNotFoundError, OptionError, OutputExistsError
+
+POINT_SUFFIXES = (".las", ".laz")
+"""What a folder is searched for; COPC files end in ``.copc.laz``."""
+
+_STEM_SUFFIXES = (
+    ".copc.laz",
+    ".laz",
+    ".las",
+    ".vol.gz",
+    ".dvol.gz",
+    ".vol",
+    ".dvol",
+)
+
+
+def stem(path: Path) -> str:
+    """
+    Return the name that outputs of an input begin with.
+
+    Examples
+    --------
+    >>> stem(Path("a/tile.1.copc.laz"))
+    'tile.1'
+    """
+    name = path.name
+    for suffix in _STEM_SUFFIXES:
+        if name.lower().endswith(suffix) and len(name) > len(suffix):
+            return name[: -len(suffix)]
+    return name
+
+
+def expand(
+    arguments: Sequence[str], stdin: Iterable[str] = (), suffixes: tuple[str, ...] = POINT_SUFFIXES
+) -> list[Path]:
+    """
+    Return the input files that arguments name, in order, each once.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        Files, folders (their files, not those of subfolders), shell patterns, ``@list.txt`` (one
+        name a line), ``-`` (names from `stdin`).
+    stdin : iterable of str
+        The names for ``-``.
+    suffixes : tuple of str
+        What counts in a folder; case does not matter.
+
+    Returns
+    -------
+    paths : list of pathlib.Path
+        Files named outright need not exist: that is the tile's error, not the batch's.
+
+    Raises
+    ------
+    InputNotFoundError
+        A list that can't be read.
+    OptionError
+        A folder or a pattern without any input, or no input at all.
+    """
+    paths = list(dict.fromkeys(_expanded(arguments, stdin, suffixes)))
+    if not paths:
+        raise OptionError("no input: nothing was named")
+    return paths
+
+
+def _expanded(
+    arguments: Sequence[str], stdin: Iterable[str], suffixes: tuple[str, ...]
+) -> Iterator[Path]:
+    for argument in arguments:
+        if argument == "-":
+            yield from (Path(name) for name in stdin if name)
+        elif argument.startswith("@"):
+            yield from _listed(Path(argument[1:]))
+        elif Path(argument).is_dir():
+            yield from _some(
+                argument,
+                sorted(
+                    path
+                    for path in Path(argument).iterdir()
+                    if path.name.lower().endswith(suffixes) and path.is_file()
+                ),
+                f"has no file that ends in {', '.join(suffixes)}",
+            )
+        elif glob.has_magic(argument) and not Path(argument).exists():
+            matches = glob.glob(argument, recursive=True)  # noqa: PTH207 (absolute patterns too)
+            yield from _some(
+                argument, [Path(match) for match in sorted(matches)], "matches nothing"
+            )
+        else:
+            yield Path(argument)
+
+
+def _some(argument: str, paths: list[Path], otherwise: str) -> list[Path]:
+    if not paths:
+        raise OptionError(f"{argument}: {otherwise}")
+    return paths
+
+
+def _listed(path: Path) -> list[Path]:
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputNotFoundError(f"{path}: the list of inputs can't be read ({reason})") from error
+    return [Path(line.strip()) for line in lines if line.strip()]
+
+
+def refuse_collisions(inputs: Sequence[Path], outdir: Path | None) -> None:
+    """
+    Raise if two inputs would write the same output.
+
+    Raises
+    ------
+    OutputExistsError
+        ``E_NAME_COLLISION``, naming both inputs.
+    """
+    seen: dict[Path, Path] = {}
+    for path in inputs:
+        target = (path.parent if outdir is None else outdir) / stem(path)
+        first = seen.setdefault(target, path)
+        if first is not path:
+            raise OutputExistsError(
+                f"{first} and {path} would both write {target}.*; "
+                "rename one, or convert them into different folders",
+                "E_NAME_COLLISION",
+            )

@@ -1,0 +1,116 @@
+"""Inputs one after the other; a failed one becomes a report and the rest go on."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+from volatool.batch.plan import refuse_collisions
+from volatool.errors import OptionError, OutputError, ResourceError, VolatoolError
+from volatool.model import Progress
+from volatool.options import ConvertOptions
+from volatool.outputs import refuse_existing
+from volatool.report import Report
+from volatool.tile import convert_tile, planned_outputs
+
+logger = logging.getLogger(__name__)
+
+ProgressMaker = Callable[[Path], AbstractContextManager[Progress]]
+
+
+def run_inputs(
+    paths: Sequence[Path],
+    options: ConvertOptions,
+    *,
+    kind: str,
+    outdir: Path | None,
+    overwrite: bool,
+    fail_fast: bool,
+    progress: ProgressMaker,
+) -> Iterator[Report]:
+    """
+    Work on inputs in order.
+
+    Parameters
+    ----------
+    paths : sequence of pathlib.Path
+        The inputs.
+    options : ConvertOptions
+        For all of them.
+    kind : str
+        ``"convert"``, ``"dem"`` or ``"stats"``.
+    outdir : pathlib.Path or None
+        Folder for the outputs; beside each input by default.
+    overwrite : bool
+        Replace outputs that exist.
+    fail_fast : bool
+        Stop after the first failed input.
+    progress : callable
+        Gives a context manager of a progress callback for an input.
+
+    Yields
+    ------
+    report : Report
+        One per input; with ``status`` failed and ``error`` for an input that could not be used.
+
+    Raises
+    ------
+    OptionError
+        Outputs that exist or collide, before any work; options that fit no input.
+    OutputError, ResourceError
+        From a single input: there is no rest to go on with.
+    """
+    if kind != "stats":
+        refuse_collisions(paths, outdir)
+        refuse_existing(
+            [target for path in paths for target in planned_outputs(path, options, kind, outdir)],
+            overwrite,
+        )
+    for path in paths:
+        try:
+            with progress(path) as report_progress:
+                yield convert_tile(
+                    path,
+                    options,
+                    kind=kind,
+                    outdir=outdir,
+                    overwrite=overwrite,
+                    progress=report_progress,
+                )
+            continue
+        except VolatoolError as error:
+            # of a single input only its own faults become a report: the rest is the caller's
+            if len(paths) == 1 and isinstance(error, (OptionError, OutputError, ResourceError)):
+                raise
+            failure = error
+        except Exception as error:  # a bug met on one tile must not stop a night's work
+            if len(paths) == 1:
+                raise
+            failure = VolatoolError(f"{path}: {type(error).__name__}: {error}")
+        logger.debug("%s failed", path, exc_info=failure)
+        yield failed_report(path, failure, options)
+        if fail_fast:
+            return
+
+
+def failed_report(path: Path, error: VolatoolError, options: ConvertOptions) -> Report:
+    """
+    Return the report of an input that could not be used.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The input.
+    error : VolatoolError
+        Why.
+    options : ConvertOptions
+        What was asked for.
+    """
+    return Report(
+        status="failed",
+        input=None,
+        options=options.given(),
+        error={"code": error.code, "message": str(error)},
+    )

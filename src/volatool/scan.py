@@ -1,0 +1,287 @@
+"""One read of a tile for all products: census, volume builders and surface points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from volatool.census import (
+    Census,
+    HeightLimits,
+    StoredBox,
+    area_cell_for,
+    box_corners,
+    header_box,
+)
+from volatool.cube import Cube
+from volatool.errors import CodedWarning, OptionError
+from volatool.model import Bool, PointChunk, Progress, as_fraction
+from volatool.options import ConvertOptions
+from volatool.points.select import Selection
+
+if TYPE_CHECKING:
+    from volatool.dem.gather import SurfaceGatherer
+    from volatool.points.source import Source
+    from volatool.vola.builder import VolaBuilder
+
+CubeIndex = tuple[int, int, int]
+BuilderMaker = Callable[[Cube], "VolaBuilder"]
+
+_CENSUS_ATTRIBUTES = frozenset({"classification", "return_number"})
+
+
+@dataclass(slots=True)
+class Scan:
+    """
+    What one read of a tile has gathered.
+
+    Parameters
+    ----------
+    census : Census
+        Counts and boxes of the points.
+    builders : dict of cube index to VolaBuilder
+        One with the index (0, 0, 0), or one per snapped cube with ``--split``.
+    box : tuple of 6 int or None
+        The box that the cube was made for: all points read, or with ``--robust-z`` those used.
+    n_passes : int
+        Reads of the file: 1 unless the header's box was of no use.
+    warnings : list of CodedWarning
+        What came up.
+    """
+
+    census: Census
+    builders: dict[CubeIndex, VolaBuilder]
+    box: StoredBox | None
+    n_passes: int
+    warnings: list[CodedWarning] = field(default_factory=list)
+
+
+class TileScanner:
+    """
+    Reads a tile, as often as its header forces it to, which is once if the header is right.
+
+    Parameters
+    ----------
+    source : Source
+        The open file.
+    options : ConvertOptions
+        Selection and cube.
+    make_builder : callable
+        Gives the builder for a cube.
+    channel_attributes : frozenset of str
+        Attributes that the builders need.
+    surface : SurfaceGatherer or None
+        Takes the points of the elevation model.
+    progress : callable
+        Called with (points done, points of the file).
+    with_volume : bool
+        Build volumes; without them the box does not matter.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        options: ConvertOptions,
+        make_builder: BuilderMaker,
+        channel_attributes: frozenset[str],
+        surface: SurfaceGatherer | None,
+        progress: Progress,
+        with_volume: bool = True,
+    ) -> None:
+        self.source = source
+        self.with_volume = with_volume
+        self.options = options
+        self.make_builder = make_builder
+        self.surface = surface
+        self.progress = progress
+        self.selection = Selection(
+            classes=None if options.classes is None else frozenset(options.classes),
+            exclude_classes=frozenset(options.exclude_classes or ()),
+            returns=options.returns,
+            keep_withheld=options.keep_withheld,
+            keep_noise=options.keep_noise,
+            bounds=options.bounds,
+            thin=options.thin or 1,
+        )
+        header = source.header
+        self.attributes = (
+            self.selection.attributes(header)
+            | channel_attributes
+            | (_CENSUS_ATTRIBUTES & header.dimensions)
+        )
+        self.limits: HeightLimits | None = None
+        self.n_passes = 0
+
+    def run(self) -> Scan:
+        """Read the tile and return what was gathered."""
+        expected = self._expected_box()
+        census, builders = self._pass(expected, self.surface)
+        box = census.box_used if self.options.robust_z else census.box
+        warnings = self._box_warnings(box, expected)
+        if (
+            self.with_volume
+            and box is not None
+            and (builders is None or self._cube(box) != self._cube(expected))
+        ):
+            for builder in (builders or {}).values():
+                builder.close()
+            _, builders = self._pass(box, None)
+            assert builders is not None  # the box is that of the points
+        return Scan(census, builders or {}, box, self.n_passes, warnings)
+
+    def _expected_box(self) -> StoredBox:
+        """Return the box to make the cube for, from the header if it can be trusted so far."""
+        header = self.source.header
+        box = header_box(header.box, header.scale, header.offset)
+        if box is None:
+            box = self._survey((0, 0, 0, 0, 0, 0)).box or (0, 0, 0, 0, 0, 0)
+        if self.options.robust_z:
+            census = self._survey(box)
+            self.limits = census.isolated(of_used=True)
+            if self.limits is not None:
+                census = self._survey(box)
+            box = census.box_used or box
+        try:
+            self._cube(box)
+        except OptionError:
+            # refuse the points for not fitting a cube, not the header's word on them
+            box = self._survey(box).box or box
+        return box
+
+    def _survey(self, box: StoredBox) -> Census:
+        """Read the tile for its census only."""
+        census = self._census(box)
+        for chunk, mask in self._chunks(census):
+            census.add(chunk, mask)
+        return census
+
+    def _census(self, box: StoredBox) -> Census:
+        scale = self.source.header.scale
+        unit = self.source.crs.metres_per_unit_xy
+        return Census(box, area_cell_for(box, scale, unit))
+
+    def _chunks(self, census: Census) -> Iterator[tuple[PointChunk, Bool | None]]:
+        """Yield the chunks of one pass with the mask of the points to use."""
+        self.n_passes += 1
+        done = 0
+        for chunk in self.source.chunks(self.attributes, self.options.chunk_points):
+            mask = self.selection.mask(chunk, census.dropped)
+            if self.limits is not None:
+                mask = self._within_limits(chunk, mask, census.dropped)
+            yield chunk, mask
+            done += len(chunk)
+            self.progress(done, self.source.n_points)
+
+    def _within_limits(self, chunk: PointChunk, mask: Bool | None, dropped: dict[str, int]) -> Bool:
+        assert self.limits is not None
+        inside: Bool = (chunk.z >= self.limits.low) & (chunk.z <= self.limits.high)
+        if mask is None:
+            mask = np.ones(len(chunk), np.bool_)
+        dropped["z_outlier"] = dropped.get("z_outlier", 0) + int(np.count_nonzero(mask & ~inside))
+        return mask & inside
+
+    def _pass(
+        self, box: StoredBox, surface: SurfaceGatherer | None
+    ) -> tuple[Census, dict[CubeIndex, VolaBuilder] | None]:
+        """Read the tile for all products; builders are None if a point lay outside the box."""
+        census = self._census(box)
+        builders: dict[CubeIndex, VolaBuilder] | None = {} if self.with_volume else None
+        cube = self._cube(box)
+        for chunk, mask in self._chunks(census):
+            census.add(chunk, mask)
+            used = chunk if mask is None else chunk.take(mask)
+            if surface is not None:
+                surface.add(used)
+            if builders is not None and len(used) and not self._build(used, builders, cube):
+                for builder in builders.values():
+                    builder.close()
+                builders = None
+        return census, builders
+
+    def _build(
+        self, used: PointChunk, builders: dict[CubeIndex, VolaBuilder], cube: Cube | None
+    ) -> bool:
+        """Give points to the builders; False if one lies outside the cube."""
+        if cube is not None:
+            builder = builders.get((0, 0, 0))
+            if builder is None:
+                builder = builders[0, 0, 0] = self.make_builder(cube)
+            return builder.add(used) == 0
+        for index, part in self._split(used):
+            builder = builders.get(index)
+            if builder is None:
+                builder = builders[index] = self.make_builder(self._split_cube(index))
+            outside = builder.add(part)
+            assert outside == 0, "a point outside the snapped cube that it was sorted into"
+        return True
+
+    def _cube(self, box: StoredBox) -> Cube | None:
+        """Return the cube for a box; None if there is none or, with ``--split``, many."""
+        if self.options.split is not None or not self.with_volume:
+            return None
+        header, crs = self.source.header, self.source.crs
+        corners = box_corners(box, header.scale, header.offset, crs.z_ratio)
+        side = None
+        if self.options.cube != "auto":
+            side = self.options.cube.in_units(crs.metres_per_unit_xy)  # type: ignore[union-attr]
+        return Cube.snapped(corners, side) if self.options.snap else Cube.around(corners, side)
+
+    @property
+    def split_side(self) -> Fraction:
+        """Side of the snapped cubes, in the horizontal unit."""
+        assert self.options.split is not None
+        return self.options.split.in_units(self.source.crs.metres_per_unit_xy)
+
+    def _split_cube(self, index: CubeIndex) -> Cube:
+        side = self.split_side
+        return Cube.from_exact([number * side for number in index], side, is_snapped=True)
+
+    def _split(self, chunk: PointChunk) -> Iterator[tuple[CubeIndex, PointChunk]]:
+        """Yield the points of a chunk by snapped cube; half-open, so each point is in one."""
+        columns = [self._cube_numbers(chunk, axis) for axis in range(3)]
+        numbers = np.column_stack(columns)
+        order = np.lexsort(columns)
+        ordered = numbers[order]
+        starts = np.flatnonzero(np.any(np.diff(ordered, axis=0, prepend=ordered[:1] - 1), axis=1))
+        for start, stop in zip(starts, [*starts[1:], len(chunk)], strict=True):
+            members = np.zeros(len(chunk), np.bool_)
+            members[order[start:stop]] = True
+            x, y, z = (int(value) for value in ordered[start])
+            yield (x, y, z), chunk.take(members)
+
+    def _cube_numbers(self, chunk: PointChunk, axis: int) -> Any:
+        """Return the index of the snapped cube of each point on one axis, exactly."""
+        ratio = self.source.crs.z_ratio if axis == 2 else Fraction(1)
+        slope = as_fraction(chunk.scale[axis]) * ratio / self.split_side
+        shift = as_fraction(chunk.offset[axis]) * ratio / self.split_side
+        length = math.lcm(slope.denominator, shift.denominator)
+        stored = (chunk.x, chunk.y, chunk.z)[axis]
+        factor, start = int(slope * length), int(shift * length)
+        if factor < 2**30 and abs(start) < 2**62:
+            return (stored.astype(np.int64) * factor + start) // length
+        exact = (stored.astype(object) * factor + start) // length
+        return exact.astype(np.int64)
+
+    def _box_warnings(self, box: StoredBox | None, expected: StoredBox) -> list[CodedWarning]:
+        """Say when the header's box is not that of the points (by more than its last digit)."""
+        header = self.source.header
+        if box is None or self.options.robust_z:
+            return []
+        claimed = header_box(header.box, header.scale, header.offset)
+        if claimed is not None and all(
+            abs(one - other) <= 1 for one, other in zip(claimed, box, strict=True)
+        ):
+            return []
+        found = [float(value) for value in box_corners(box, header.scale, header.offset)]
+        return [
+            CodedWarning(
+                "W_HEADER_BBOX",
+                f"the header's box is {list(header.box)}, the points' is {found}; the points' box "
+                f"was used, the file was read {self.n_passes + (box != expected)} times",
+            )
+        ]

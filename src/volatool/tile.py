@@ -1,0 +1,388 @@
+"""One tile from file to files: read once, build, choose the depth, write, report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from volatool import resources
+from volatool.batch.plan import stem
+from volatool.census import box_corners
+from volatool.cube import Cube
+from volatool.encodings import output_stream
+from volatool.errors import CodedWarning, CRSError
+from volatool.model import Bounds, Progress, no_progress
+from volatool.options import ConvertOptions
+from volatool.outputs import OutputSet, refuse_existing
+from volatool.report import Report, dumps
+from volatool.scan import Scan, TileScanner
+from volatool.scratch import Scratch
+from volatool.units import Length
+from volatool.volumes import VolumePart, depth_in_advance, make_volumes
+
+if TYPE_CHECKING:
+    from volatool.dem.gather import SurfaceGatherer
+    from volatool.dem.surfaces import Dem
+    from volatool.points.source import Source
+    from volatool.vola.builder import VolaBuilder
+    from volatool.vola.volume import Volume
+
+
+def convert_tile(
+    path: Path,
+    options: ConvertOptions,
+    *,
+    kind: str = "convert",
+    outdir: Path | None = None,
+    overwrite: bool = False,
+    progress: Progress = no_progress,
+) -> Report:
+    """
+    Work on one input.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        LAS, LAZ or COPC; for ``"stats"`` also a VOLA file.
+    options : ConvertOptions
+        What is asked for.
+    kind : str
+        ``"convert"`` writes volume, elevation model and report; ``"dem"`` the elevation model;
+        ``"stats"`` nothing.
+    outdir : pathlib.Path, optional
+        Folder for the outputs; beside the input by default.
+    overwrite : bool
+        Replace outputs that exist.
+    progress : callable
+        Called with (points done, points of the file).
+
+    Returns
+    -------
+    report : Report
+        ``paths`` are the files written.
+
+    Raises
+    ------
+    VolatoolError
+        And nothing is left behind.
+    """
+    if kind == "stats" and _is_volume(path):
+        from volatool.volume_stats import volume_report
+
+        return volume_report(path, options)
+    started = time.perf_counter()
+    resources.return_freed_memory()
+    refuse_existing(planned_outputs(path, options, kind, outdir), overwrite)
+    with open_source(path, options) as source, OutputSet(overwrite) as outputs:
+        with Scratch(resources.working_budget(options.memory)) as scratch:
+            tile = _Tile(path, options, kind, outdir, source, scratch, outputs)
+            report = tile.run(progress)
+        if options.resources:
+            seconds = time.perf_counter() - started
+            n_read = report.input["points_read"] if report.input else 0
+            usage = resources.Usage(seconds, n_read / seconds, resources.peak_rss_bytes())
+            report = replace(report, resources=usage.to_dict())
+        if kind == "convert":
+            temporary = outputs.add(tile.target(".stats.json"))
+            with output_stream(temporary) as stream:
+                stream.write((report.to_json(indent=2) + "\n").encode())
+        return replace(report, paths=outputs.commit())
+
+
+def planned_outputs(
+    path: Path, options: ConvertOptions, kind: str, outdir: Path | None
+) -> list[Path]:
+    """
+    Return the files that an input may give, as far as that is known before it is read.
+
+    Parameters
+    ----------
+    path, options, kind, outdir
+        As in `convert_tile`.
+    """
+    suffixes = []
+    if kind == "convert":
+        packed = ".gz" if options.gzip else ""
+        if options.split is None:
+            suffixes.append(".vol" + packed)
+            if options.dense != "never":
+                suffixes.append(".dvol" + packed)
+        suffixes.append(".stats.json")
+        if options.preview:
+            suffixes.append(".preview.png")
+    if kind == "dem" or (kind == "convert" and options.dem):
+        suffixes += [".dem.tif", *(f".dem.{layer}.tif" for layer in options.layers)]
+    folder = path.parent if outdir is None else outdir
+    return [folder / (stem(path) + suffix) for suffix in suffixes]
+
+
+@contextmanager
+def open_source(path: Path, options: ConvertOptions) -> Iterator[Source]:
+    """
+    Open an input, reprojected if that is asked for.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        LAS, LAZ or COPC.
+    options : ConvertOptions
+        CRS options, ``salvage`` and ``strict``.
+
+    Raises
+    ------
+    CRSError
+        ``E_GEOGRAPHIC``: coordinates are degrees and no other CRS is asked for.
+    """
+    from volatool.points.reader import open_points
+
+    with open_points(
+        path,
+        crs=options.crs,
+        crs_default=options.crs_default,
+        salvage=options.salvage,
+        strict=options.strict,
+    ) as source:
+        if options.to_crs is not None:
+            from volatool.points.reproject import Reprojected
+
+            yield Reprojected(source, options.to_crs)
+            return
+        if source.crs.is_geographic and source.n_points:
+            from volatool.points.crs import utm_for
+
+            left, bottom, _, right, top, _ = source.header.box
+            zone = None
+            if left <= right and bottom <= top:  # a header's box may be anything
+                zone = utm_for(source.crs, Bounds(left, bottom, right, top))
+            raise CRSError(
+                f"{source.name}: coordinates are in degrees; give --to-crs {zone or 'utm'}",
+                "E_GEOGRAPHIC",
+            )
+        yield source
+
+
+def _is_volume(path: Path) -> bool:
+    return path.name.lower().endswith((".vol", ".vol.gz", ".dvol", ".dvol.gz"))
+
+
+class _Tile:
+    """The steps of one tile; what they share."""
+
+    def __init__(
+        self,
+        path: Path,
+        options: ConvertOptions,
+        kind: str,
+        outdir: Path | None,
+        source: Source,
+        scratch: Scratch,
+        outputs: OutputSet,
+    ) -> None:
+        self.path = path
+        self.options = options
+        self.kind = kind
+        self.folder = path.parent if outdir is None else outdir
+        self.source = source
+        self.scratch = scratch
+        self.outputs = outputs
+        self.warnings: list[CodedWarning] = []
+        self.wants_dem = kind == "dem" or (kind == "convert" and options.dem)
+        self.channels = self._channels()
+
+    def target(self, suffix: str) -> Path:
+        """Return an output's path."""
+        return self.folder / (stem(self.path) + suffix)
+
+    def _channels(self) -> tuple[str, ...]:
+        from volatool.vola.metadata import channels_of
+
+        if self.kind == "dem":
+            return ()
+        have = channels_of(self.source.header.dimensions)
+        return tuple(channel for channel in have if channel in self.options.meta)
+
+    def run(self, progress: Progress) -> Report:
+        """Read, build and write everything but the report itself."""
+        from volatool.vola.metadata import attributes_for
+
+        surface = self._surface() if self.wants_dem else None
+        scanner = TileScanner(
+            self.source,
+            self.options,
+            self._builder,
+            attributes_for(self.channels) | (surface.attributes if surface else frozenset()),
+            surface,
+            progress,
+            with_volume=self.kind != "dem" and self.options.compat is None,
+        )
+        scan = scanner.run()
+        self.warnings += [*self.source.warnings, *scan.warnings]
+        self._scan_warnings(scan)
+        report = Report(
+            status="partial" if self.source.is_partial else "ok",
+            input=self._input(scan),
+            options=self.options.given(),
+        )
+        volume = None
+        part = self._volume_part(scan)
+        if part is not None:
+            volume = part.volume
+            self.warnings += part.warnings
+            report = replace(
+                report,
+                cube=part.cube,
+                levels=part.levels,
+                choice=part.choice,
+                encodings=part.encodings,
+            )
+        elif scan.census.n_used == 0:
+            report = replace(report, status="empty")
+        dem = None
+        resources.drop_library_code()
+        if surface is not None and scan.census.n_read:
+            dem, document = self._dem(surface, scan)
+            report = replace(report, dem=document)
+        if self.options.preview and self.kind == "convert" and volume is not None:
+            self._preview(dem, volume)
+        return replace(report, warnings=tuple(self.warnings))
+
+    def _volume_part(self, scan: Scan) -> VolumePart | None:
+        """Build and write the volumes; None if there is none to build."""
+        base = self.target("") if self.kind == "convert" else None
+        corners = self._corners(scan)
+        if scan.builders:
+            return make_volumes(
+                scan.builders, self.source, self.options, self.outputs, base, corners
+            )
+        if self.options.compat == "toolkit" and self.kind == "convert" and corners:
+            from volatool.compat import make_toolkit_volume
+
+            return make_toolkit_volume(self.source, self.options, self.outputs, base, corners)
+        return None
+
+    # reading
+
+    def _surface(self) -> SurfaceGatherer:
+        from volatool.dem.gather import SurfaceGatherer
+
+        return SurfaceGatherer(self.options.surface, self.scratch, self.source.header.dimensions)
+
+    def _builder(self, cube: Cube) -> VolaBuilder:
+        from volatool.vola.builder import VolaBuilder
+
+        options = self.options
+        fixed = depth_in_advance(options, self.source.crs, cube)
+        keep = options.max_depth if options.budget is not None else fixed
+        return VolaBuilder(
+            cube,
+            max(options.max_depth, fixed or 0),
+            channels=self.channels,
+            n_points_hint=self.source.n_points,
+            min_occupancy=options.min_occupancy,
+            scratch=self.scratch,
+            z_ratio=self.source.crs.z_ratio,
+            keep_depth=keep,
+            crs=self.source.crs,
+        )
+
+    def _scan_warnings(self, scan: Scan) -> None:
+        census = scan.census
+        if census.n_read == 0:
+            self._warn("W_EMPTY", "the file has no points; no volume is written")
+        elif census.n_used == 0:
+            reasons = ", ".join(f"{n} {reason}" for reason, n in census.dropped.items() if n)
+            self._warn("W_ALL_FILTERED", f"no point is left to use: {reasons}", census.n_read)
+        limits = census.isolated()
+        if limits is not None and not self.options.robust_z:
+            self._warn(
+                "W_Z_OUTLIER",
+                f"{limits.n_points} points stand alone far above or below the rest; "
+                "--robust-z leaves them out of the cube and the DEM",
+                limits.n_points,
+            )
+
+    def _warn(self, code: str, message: str, count: int = 1) -> None:
+        self.warnings.append(CodedWarning(code, message, count))
+
+    def _corners(self, scan: Scan) -> list[float]:
+        """Return the box of all points read, in units of the CRS; empty without points."""
+        header, box = self.source.header, scan.census.box
+        if box is None:
+            return []
+        return [float(value) for value in box_corners(box, header.scale, header.offset)]
+
+    def _input(self, scan: Scan) -> dict[str, Any]:
+        header = self.source.header
+        return {
+            "name": self.path.name,
+            "bytes": header.size_bytes,
+            "las_version": header.version,
+            "point_format": header.point_format,
+            "compressed": header.is_compressed,
+            "las_equivalent_bytes": header.las_equivalent_bytes,
+            "points_header": header.n_points,
+            "bbox": self._corners(scan) or None,
+            "crs": self.source.crs.to_dict(),
+            "passes": scan.n_passes,
+            **scan.census.to_dict(header.scale),
+        }
+
+    # the elevation model
+
+    def _dem(self, surface: SurfaceGatherer, scan: Scan) -> tuple[Dem, dict[str, Any]]:
+        """Make and write the elevation model; return it with the report's object."""
+        from volatool.dem import geotiff
+        from volatool.dem.surfaces import make_dem
+
+        options, crs, header = self.options, self.source.crs, self.source.header
+        points = surface.result()
+        self.warnings += points.warnings
+        box = scan.census.box
+        if points.extent is None and box is not None:  # nothing is left: an empty DEM of the tile
+            extent = (box[0], box[1], box[3], box[4])
+            points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
+        unit = crs.metres_per_unit_xy
+        cell = options.cell
+        dem = make_dem(
+            points,
+            crs,
+            "auto" if isinstance(cell, str) else cell.in_units(unit),
+            max_gap=None if options.max_gap is None else float(options.max_gap.in_units(unit)),
+            fill=options.fill,
+            k_surface=options.k_surface,
+            k_point=options.k_point,
+            tol_m=_metres(options.tol),
+            scratch=self.scratch,
+            preset=options.preset,
+        )
+        points.close()
+        resources.drop_library_code()
+        target = self.target(".dem.tif")
+        geotiff.write_dem(self.outputs.add(target), dem, tags=self._tags())
+        layers = {}
+        for layer in options.layers:
+            path = self.target(f".dem.{layer}.tif")
+            geotiff.write_layer(self.outputs.add(path), dem, layer, tags=self._tags())
+            layers[layer] = path.name
+        document = {"path": target.name, **dem.to_dict(), "holdout": None}
+        document["solver"] = document["solver"] or None  # no points: nothing was solved
+        return dem, {**document, "layers": layers} if layers else document
+
+    def _tags(self) -> dict[str, str]:
+        return {"SOURCE": self.source.name, "OPTIONS": dumps(self.options.given())}
+
+    def _preview(self, dem: Dem | None, volume: Volume) -> None:
+        from volatool.preview import render
+
+        with output_stream(self.outputs.add(self.target(".preview.png"))) as stream:
+            stream.write(render(dem, volume))
+
+
+def _metres(length: Length) -> float:
+    """Return a tolerance in metres; a bare number is in metres too."""
+    return float(length.in_units(Fraction(1)))

@@ -1,0 +1,290 @@
+"""The volume part of a tile: depth, files, sizes, and what the report says of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from volatool._version import __version__
+from volatool.cube import Cube
+from volatool.encodings import (
+    DENSE_LIMIT_BYTES,
+    Encoding,
+    added_rows,
+    encoding_row,
+    encodings_of,
+    output_stream,
+    write_volume,
+    written_bytes,
+)
+from volatool.errors import CodedWarning, InputNotFoundError, OptionError
+from volatool.model import CrsInfo, LevelCounts
+from volatool.occupancy import depth as rules
+from volatool.occupancy.levels import LevelRow, add_counts, level_rows
+from volatool.options import ConvertOptions
+from volatool.outputs import OutputSet
+from volatool.units import format_size
+
+if TYPE_CHECKING:
+    from volatool.points.source import Source
+    from volatool.scan import CubeIndex
+    from volatool.vola.builder import VolaBuilder
+    from volatool.vola.built import Built
+    from volatool.vola.volume import Volume, VolumeInfo
+
+
+@dataclass(frozen=True, slots=True)
+class VolumePart:
+    """
+    What the volumes of a tile add to the report.
+
+    Parameters
+    ----------
+    cube, choice : dict
+        Objects of the report.
+    levels, encodings : tuple of dict
+        Lists of the report.
+    volume : Volume
+        The volume; with ``--split`` the one with the most points.
+    warnings : tuple of CodedWarning
+        What came up.
+    """
+
+    cube: dict[str, Any]
+    choice: dict[str, Any]
+    levels: tuple[dict[str, Any], ...]
+    encodings: tuple[dict[str, Any], ...]
+    volume: Volume
+    warnings: tuple[CodedWarning, ...]
+
+
+def depth_in_advance(options: ConvertOptions, crs: CrsInfo, cube: Cube) -> int | None:
+    """
+    Return the depth if it does not depend on the points, else None.
+
+    Parameters
+    ----------
+    options : ConvertOptions
+        ``depth``, ``resolution`` and ``depth_from``.
+    crs : CrsInfo
+        For the unit of the resolution.
+    cube : Cube
+        The extent.
+    """
+    if options.depth is not None:
+        return options.depth
+    if options.resolution is not None:
+        cell = options.resolution.in_units(crs.metres_per_unit_xy)
+        return rules.depth_for_resolution(cube, float(cell), options.max_depth)
+    if options.depth_from is not None:
+        return rules.dataset_depth(_dataset(options.depth_from), cube).depth
+    return None
+
+
+def _dataset(name: str) -> Mapping[str, Any]:
+    """Return the JSON object of ``--depth-from``."""
+    try:
+        document = json.loads(Path(name).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputNotFoundError(f"{name}: can't be read ({error.strerror})") from error
+    except ValueError as error:
+        raise OptionError(f"{name}: is not JSON ({error}); give what stats wrote") from error
+    if not isinstance(document, Mapping):
+        raise OptionError(f"{name}: is not one JSON object; give what stats --summary wrote")
+    return document
+
+
+def make_volumes(
+    builders: Mapping[CubeIndex, VolaBuilder],
+    source: Source,
+    options: ConvertOptions,
+    outputs: OutputSet,
+    base: Path | None,
+    corners: Sequence[float],
+) -> VolumePart:
+    """
+    Build the volumes, choose one depth for them and write them.
+
+    Parameters
+    ----------
+    builders : mapping of cube index to VolaBuilder
+        One, or one per snapped cube.
+    source : Source
+        For CRS, name and sizes.
+    options : ConvertOptions
+        What is asked for.
+    outputs : OutputSet
+        Takes the files.
+    base : pathlib.Path or None
+        Path of the outputs without suffix; None to write nothing.
+    corners : sequence of 6 float
+        Box of the points: smallest x, y, z, then largest, in units of the CRS.
+    """
+    built = {index: builders[index].build() for index in sorted(builders)}
+    counts = add_counts(one.counts for one in built.values())
+    n_points = sum(one.n_points for one in built.values())
+    largest = max(built, key=lambda index: built[index].n_points)
+    info = _info(source, corners)
+    choice = _choose(options, source.crs, built[largest], counts, n_points, info)
+    last = max(choice.depth, rules.stop_level(counts, n_points, options.max_depth))
+    rows: tuple[LevelRow, ...] = level_rows(
+        counts[:last], built[largest].cube.exact[3], n_points, tiles=len(built)
+    )
+    warnings = list(choice.warnings)
+    encodings: list[dict[str, Any]] = []
+    shown = None
+    for index, one in built.items():
+        volume = one.volume(choice.depth, info)
+        paths: dict[Encoding, Path] = {}
+        if base is not None:
+            paths = _write(volume, options, outputs, _named(base, index, options), warnings)
+        written = [
+            encoding_row(volume, encoding, paths.get(encoding), *_sizes(source))
+            for encoding in encodings_of(volume)
+        ]
+        encodings = added_rows(encodings, written, *_sizes(source))
+        if index == largest:
+            shown = volume
+        builders[index].close()
+    assert shown is not None
+    return VolumePart(
+        cube=cube_document(built[largest].cube, source.crs, options, len(built)),
+        choice=choice.to_dict(),
+        levels=tuple(row.to_dict() for row in rows),
+        encodings=tuple(encodings),
+        volume=shown,
+        warnings=tuple(warnings),
+    )
+
+
+def _sizes(source: Source) -> tuple[int, int]:
+    return source.header.las_equivalent_bytes, source.header.size_bytes
+
+
+def place_of(crs: CrsInfo, corners: Sequence[float]) -> tuple[float | None, float | None]:
+    """
+    Return latitude and longitude of the middle of a box, None where they can't be had.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        Of the box.
+    corners : sequence of 6 float
+        Smallest x, y, z, then largest.
+    """
+    from volatool.points.crs import latlon
+
+    x, y = ((corners[axis] + corners[3 + axis]) / 2 for axis in (0, 1))
+    return latlon(crs, x, y) or (None, None)
+
+
+def _info(source: Source, corners: Sequence[float]) -> VolumeInfo:
+    from volatool.vola.info import VolumeInfo
+
+    lat, lon = place_of(source.crs, corners)
+    return VolumeInfo(
+        crs=source.crs,
+        source_name=source.name,
+        source_bytes=source.header.size_bytes,
+        lat=lat,
+        lon=lon,
+        epsg=source.crs.epsg,
+        generator=f"volatool {__version__}",
+    )
+
+
+def _choose(
+    options: ConvertOptions,
+    crs: CrsInfo,
+    built: Built,
+    counts: list[LevelCounts],
+    n_points: int,
+    info: VolumeInfo,
+) -> rules.Choice:
+    cube = built.cube
+    if options.depth is not None:
+        return rules.fixed_depth(options.depth, cube, counts)
+    if options.resolution is not None:
+        cell = float(options.resolution.in_units(crs.metres_per_unit_xy))
+        return rules.resolution_depth(cube, cell, options.max_depth, counts)
+    if options.depth_from is not None:
+        return rules.dataset_depth(_dataset(options.depth_from), cube, counts)
+    if options.budget is not None:
+        deepest = built.volume(built.deepest, info)
+        bits = 2 if deepest.has_metadata else 1
+        encoding = Encoding("sparse", bits, "gzip")
+        return rules.budget_depth(
+            lambda depth: written_bytes(deepest.truncated(depth), encoding),
+            options.budget,
+            cube,
+            deepest.depth,
+            counts,
+        )
+    return rules.choose_depth(
+        counts,
+        n_points,
+        cube=cube,
+        threshold=options.min_occupancy,
+        max_depth=options.max_depth,
+    )
+
+
+def _named(base: Path, index: CubeIndex, options: ConvertOptions) -> Path:
+    if options.split is None:
+        return base
+    x, y, z = index
+    return base.with_name(f"{base.name}_x{x}_y{y}_z{z}")
+
+
+def _write(
+    volume: Volume,
+    options: ConvertOptions,
+    outputs: OutputSet,
+    base: Path,
+    warnings: list[CodedWarning],
+) -> dict[Encoding, Path]:
+    """Write the sparse file and, if wanted, the dense one; return the temporary paths."""
+    bits = 2 if volume.has_metadata else 1
+    codec = "gzip" if options.gzip else "none"
+    wanted = [Encoding("sparse", bits, codec)]
+    dense = Encoding("dense", bits, codec)
+    if options.dense == "always":
+        wanted.append(dense)
+    elif options.dense == "auto" and options.split is None:
+        size = dense.payload_bytes(volume)
+        if size <= DENSE_LIMIT_BYTES:
+            wanted.append(dense)
+        else:
+            warnings.append(
+                CodedWarning(
+                    "W_DENSE_SKIPPED",
+                    f"a dense volume of depth {volume.depth} takes {format_size(size)}; not "
+                    "written (--dense always writes it)",
+                )
+            )
+    paths = {}
+    for encoding in wanted:
+        path = outputs.add(base.with_name(base.name + encoding.suffix))
+        with output_stream(path) as stream:
+            write_volume(stream, volume, encoding)
+        paths[encoding] = path
+    return paths
+
+
+def cube_document(
+    cube: Cube, crs: CrsInfo, options: ConvertOptions, n_cubes: int
+) -> dict[str, Any]:
+    """Return the report's ``cube``."""
+    document: dict[str, Any] = {
+        "origin": list(cube.origin) if options.split is None else None,
+        "side": cube.side,
+        "unit": crs.unit_xy,
+        "snapped": cube.is_snapped,
+        "z_scale": float(crs.z_ratio),
+    }
+    if options.split is not None:
+        document["cubes"] = n_cubes
+    return document

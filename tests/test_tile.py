@@ -1,0 +1,354 @@
+"""One tile from file to files: determinism, boxes, selections, degenerate tiles."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from making_tiles import hills, write_las
+from naive_tile import count_levels
+
+import volatool as vt
+from volatool.dem.geotiff import read_dem
+from volatool.report import Report, schema
+from volatool.validate import validate_file
+
+SAMPLES = Path(__file__).resolve().parents[1] / "data_samples"
+
+
+def converted(path, folder, **options):
+    """Convert, check every output and return the report."""
+    report = vt.convert(path, folder, resources=False, **options)
+    jsonschema.validate(report.to_dict(), schema())
+    for output in report.paths:
+        checked = validate_file(output)
+        assert checked.ok, (output, checked.problems)
+    return report
+
+
+def contents(report):
+    return {path.name: path.read_bytes() for path in report.paths}
+
+
+def codes(report):
+    return [warning.code for warning in report.warnings]
+
+
+@pytest.mark.parametrize("sample", ["town.laz", "forest.laz"])
+def test_the_bytes_do_not_depend_on_chunks_memory_or_the_run(sample, tmp_path):
+    runs = [{}, {"chunk_points": 1000}, {"chunk_points": 100_000}, {"chunk_points": 10**6}]
+    runs += [{"memory": "2G"}, {}]
+    made = [
+        contents(
+            vt.convert(
+                SAMPLES / sample,
+                tmp_path / str(number),
+                layers=("count", "flag", "distance"),
+                resources=False,
+                **options,
+            )
+        )
+        for number, options in enumerate(runs)
+    ]
+    assert len(made[0]) >= 7
+    for other in made[1:]:
+        assert other == made[0]
+
+
+def test_a_low_ceiling_is_kept_by_spilling_and_changes_no_byte(tmp_path):
+    """In a process of its own: the ceiling is for a whole process."""
+    path = write_las(tmp_path / "t.las", hills(400_000, extent=30_000), point_format=7)
+    free = contents(vt.convert(path, tmp_path / "free", resources=False))
+    code = (
+        "import sys, volatool as vt\n"
+        f"report = vt.convert({str(path)!r}, {str(tmp_path / 'kept')!r}, memory='240M')\n"
+        "print(report.to_dict()['resources']['peak_rss_bytes'])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) <= 240 << 20
+    for name, data in free.items():
+        if not name.endswith(".json"):
+            assert (tmp_path / "kept" / name).read_bytes() == data
+
+
+def test_the_order_of_points_changes_no_volume_byte_and_no_height_by_a_tenth_of_a_millimetre(
+    tmp_path,
+):
+    xyz = hills(40_000)
+    rng = np.random.default_rng(1)
+    columns = {
+        "classification": rng.choice([1, 2], len(xyz)),
+        "intensity": rng.integers(0, 4000, len(xyz)),
+        "return_number": np.ones(len(xyz), int),
+        "number_of_returns": rng.integers(1, 5, len(xyz)),
+        **{band: rng.integers(0, 65536, len(xyz)) for band in ("red", "green", "blue")},
+    }
+    order = rng.permutation(len(xyz))
+    reports = []
+    for name, places in (("one", np.arange(len(xyz))), ("two", order)):
+        (tmp_path / name).mkdir()
+        path = tmp_path / name / "tile.laz"
+        write_las(path, xyz[places], point_format=7, crs=25832,
+                  **{key: values[places] for key, values in columns.items()})  # fmt: skip
+        reports.append(converted(path, tmp_path / name))
+    one, two = reports
+    assert one.levels == two.levels
+    volumes = [
+        vt.open(next(p for p in report.paths if p.name == "tile.vol.gz")) for report in reports
+    ]
+    for first, second in zip(
+        (*volumes[0].levels, *volumes[0].metadata_levels),
+        (*volumes[1].levels, *volumes[1].metadata_levels),
+        strict=True,
+    ):
+        assert np.array_equal(first, second)
+    heights = [
+        read_dem(next(p for p in report.paths if p.suffix == ".tif")).z for report in reports
+    ]
+    assert np.array_equal(np.isnan(heights[0]), np.isnan(heights[1]))
+    assert np.nanmax(np.abs(heights[0] - heights[1])) <= 1e-4
+
+
+def test_levels_hang_together(tmp_path):
+    report = converted(SAMPLES / "town.laz", tmp_path)
+    for upper, lower in zip(report.levels, report.levels[1:], strict=False):
+        assert lower["blocks"] == upper["voxels"]
+        assert lower["cell"] * 4 == upper["cell"]
+    for row in report.levels:
+        assert row["dense_bytes"] == 8 * (64 ** row["level"] - 1) // 63
+        assert sum(row["occupancy_histogram"]) == row["blocks"]
+
+
+def break_header_box(path, **changes):
+    """Overwrite values of the header's box: max x, min x, max y, min y, max z, min z."""
+    data = bytearray(path.read_bytes())
+    names = ("max_x", "min_x", "max_y", "min_y", "max_z", "min_z")
+    for name, value in changes.items():
+        struct.pack_into("<d", data, 179 + 8 * names.index(name), value)
+    path.write_bytes(data)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"max_x": 1e6},
+        {"min_x": -300.0},
+        {"max_x": 20.0},
+        {"min_z": 15.0, "max_z": 16.0},
+        {"min_x": float("nan")},
+        {"min_x": 10.0, "max_x": 1.0},
+        {"max_x": 1e300},
+    ],
+)
+def test_a_wrong_header_box_gives_the_result_of_a_right_one_and_is_told(wrong, tmp_path):
+    xyz = hills(5000)
+    for name in ("right", "wrong"):
+        (tmp_path / name).mkdir()
+        write_las(tmp_path / name / "tile.las", xyz, crs=25832)
+    break_header_box(tmp_path / "wrong" / "tile.las", **wrong)
+    right = converted(tmp_path / "right" / "tile.las", None)
+    report = converted(tmp_path / "wrong" / "tile.las", None)
+    assert "W_HEADER_BBOX" in codes(report)
+    assert report.input["passes"] == 2
+    assert right.input["passes"] == 1
+    one, other = contents(right), contents(report)
+    assert {name for name in one if one[name] != other[name]} == {"tile.stats.json"}
+    assert (right.levels, right.cube, right.dem) == (report.levels, report.cube, report.dem)
+
+
+def test_withheld_and_noise_points_are_left_out_counted_and_part_of_the_cube(tmp_path):
+    xyz = np.vstack([hills(5000), [[0, 0, 9999], [50, 50, 0], [7, 7, 900]]])
+    classes = np.full(len(xyz), 2)
+    classes[-3:-1] = 7, 18
+    withheld = np.zeros(len(xyz), bool)
+    withheld[-1] = True
+    path = write_las(tmp_path / "t.las", xyz, classification=classes, withheld=withheld)
+    report = converted(path, None)
+    assert report.input["dropped"] == {"noise": 2, "withheld": 1}
+    used = np.arange(len(xyz)) < 5000
+    expected = count_levels(xyz, used, len(report.levels))
+    assert [(row["blocks"], row["voxels"]) for row in report.levels] == expected
+    kept = vt.stats(path, keep_noise=True, keep_withheld=True)[0]
+    assert kept.input["points_used"] == len(xyz)
+
+
+def test_selections_are_those_of_plain_numpy(tmp_path):
+    xyz = hills(5000)
+    rng = np.random.default_rng(3)
+    classes = rng.choice([1, 2, 5, 9], 5000)
+    of = rng.integers(1, 4, 5000)
+    number = np.minimum(rng.integers(1, 4, 5000), of)
+    path = write_las(
+        tmp_path / "t.las",
+        xyz,
+        classification=classes,
+        return_number=number,
+        number_of_returns=of,
+    )
+    x, y = xyz[:, 0] / 100, xyz[:, 1] / 100
+    cases = [
+        ({"classes": (2, 9)}, np.isin(classes, (2, 9))),
+        ({"exclude_classes": (5,)}, classes != 5),
+        ({"returns": "first"}, number == 1),
+        ({"returns": "last"}, number == of),
+        ({"thin": 7}, np.arange(5000) % 7 == 0),
+        (
+            {"bounds": vt.Bounds(10.0, 5.5, 30.25, 40.0)},
+            (x >= 10) & (x <= 30.25) & (y >= 5.5) & (y <= 40),
+        ),
+    ]
+    for options, expected in cases:
+        report = vt.stats(path, **options)[0]
+        assert report.input["points_used"] == np.count_nonzero(expected), options
+        counts = count_levels(xyz, expected, len(report.levels))
+        assert [(row["blocks"], row["voxels"]) for row in report.levels] == counts
+
+
+def test_isolated_points_are_told_and_left_out_on_request(tmp_path):
+    xyz = np.vstack([hills(5000), [[100, 100, 400_000]]])
+    path = write_las(tmp_path / "t.las", xyz, classification=np.full(5001, 2))
+    report = converted(path, tmp_path / "a")
+    assert "W_Z_OUTLIER" in codes(report)
+    robust = converted(path, tmp_path / "b", robust_z=True)
+    assert robust.input["dropped"] == {"z_outlier": 1}
+    assert robust.cube["side"] == pytest.approx(49.99, abs=0.02)
+    assert robust.dem["z_max"] < 20
+    counts = count_levels(xyz[:-1], np.ones(5000, bool), len(robust.levels))
+    assert [(row["blocks"], row["voxels"]) for row in robust.levels] == counts
+
+
+DEGENERATE = {
+    "one point": [[5, 5, 5]],
+    "all equal": [[5, 5, 5]] * 100,
+    "one column": [[5, 5, z] for z in range(100)],
+    "flat": [[x, y, 7] for x in range(40) for y in range(40)],
+    "a line": [[x, 0, 0] for x in range(1000)],
+    "far apart": [[-(2**31), -(2**31), -(2**31)], [2**31 - 1, 2**31 - 1, 2**31 - 1]],
+}
+
+
+@pytest.mark.parametrize("name", DEGENERATE)
+def test_degenerate_tiles_give_valid_outputs(name, tmp_path):
+    xyz = np.array(DEGENERATE[name])
+    path = write_las(tmp_path / "t.las", xyz)
+    report = converted(path, tmp_path / "out", cell="1000km" if name == "far apart" else "auto",
+                       crs=None if name != "far apart" else "EPSG:25832")  # fmt: skip
+    assert report.status == "ok"
+    counts = count_levels(xyz, np.ones(len(xyz), bool), len(report.levels))
+    assert [(row["blocks"], row["voxels"]) for row in report.levels] == counts
+    assert len(report.levels) >= report.depth >= 2
+
+
+def test_no_points_give_statistics_and_no_volume(tmp_path):
+    path = write_las(tmp_path / "t.las", np.empty((0, 3), int))
+    report = converted(path, tmp_path / "out")
+    assert (report.status, report.depth) == ("empty", None)
+    assert codes(report)[-1] == "W_EMPTY"
+    assert [output.name for output in report.paths] == ["t.stats.json"]
+
+
+def test_when_nothing_is_left_the_dem_is_all_nodata(tmp_path):
+    path = write_las(tmp_path / "t.las", hills(1000), classification=np.full(1000, 9))
+    report = converted(path, tmp_path / "out", classes=(2,), cell="1", crs="EPSG:25832")
+    assert report.status == "empty"
+    assert "W_ALL_FILTERED" in codes(report)
+    assert report.dem["cells_measured"] == 0
+    assert report.dem["cells_void"] == report.dem["width"] * report.dem["height"] >= 49 * 49
+    assert report.dem["z_min"] is None
+
+
+def test_heights_in_feet_over_metres_are_scaled_for_the_cube_and_kept_in_the_dem(tmp_path):
+    xyz = hills(5000)
+    path = write_las(tmp_path / "t.las", xyz, classification=np.full(5000, 2))
+    report = converted(path, tmp_path / "out", crs="EPSG:25832+6360", cell="1m")
+    assert report.cube["z_scale"] == pytest.approx(1200 / 3937)
+    crs = report.input["crs"]
+    assert (crs["unit_xy"], crs["unit_z"]) == ("metre", "US survey foot")
+    volume = vt.open(tmp_path / "out" / "t.vol.gz")
+    assert volume.cube.origin[2] == pytest.approx(xyz[:, 2].min() / 100 * 1200 / 3937)
+    assert report.dem["z_max"] == pytest.approx(xyz[:, 2].max() / 100, abs=0.5)
+    assert volume.contains(xyz[::97] / 100).all()
+
+
+def test_an_explicit_cube_holds_the_points_or_is_refused(tmp_path):
+    path = write_las(tmp_path / "t.las", hills(3000) + np.array([10_000, 20_000, 0]), crs=25832)
+    report = converted(path, tmp_path / "a", cube="64m", dem=False)
+    assert report.cube["side"] == 64
+    snapped = converted(path, tmp_path / "b", cube="1024m", snap=True, dem=False)
+    assert [value % 1024 for value in snapped.cube["origin"]] == [0, 0, 0]
+    assert snapped.cube["snapped"]
+    with pytest.raises(vt.VolatoolError, match="shorter than the points"):
+        vt.convert(path, tmp_path / "c", cube="10m")
+    assert not (tmp_path / "c").exists() or not list((tmp_path / "c").iterdir())
+
+
+def test_the_resolution_asked_for_is_not_exceeded(tmp_path):
+    path = write_las(tmp_path / "t.las", hills(3000), crs=25832)
+    report = converted(path, tmp_path / "a", resolution="1m", dem=False)
+    assert report.choice["cell"] <= 1 < 4 * report.choice["cell"]
+    assert report.choice["rule"] == "resolution"
+
+
+def test_every_report_survives_json(tmp_path):
+    report = vt.convert(SAMPLES / "forest.laz", tmp_path)
+    again = Report.from_dict(json.loads(report.to_json()))
+    assert again.to_dict() == report.to_dict()
+    with pytest.raises(vt.VolatoolError, match="not a report"):
+        Report.from_dict({"schema": "other"})
+    assert "<table>" in report._repr_html_()
+
+
+def test_compat_toolkit_writes_no_trailer_and_all_points(tmp_path):
+    path = tmp_path / "town.laz"
+    shutil.copy(SAMPLES / "town.laz", path)
+    report = converted(path, tmp_path / "o", compat="toolkit", depth=3, dem=False, gzip=False)
+    assert "W_TOOLKIT" in codes(report)
+    sparse = next(row for row in report.encodings if row["kind"] == "sparse")
+    assert sparse["file_bytes"] == 80 + sparse["payload_bytes"]
+
+
+GOLDEN = [
+    "4_6_crop-s3n.vol",
+    "autzen_trim-s4.vol",
+    "lonestar9-d2n.dvol",
+    "megaplot-s3n-nocrs.vol",
+    "meta_offset-s3n.vol",
+    "meta_fmt1-s2n.vol",
+]
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_compat_toolkit_from_the_command_line_equals_the_golden_file(name, shared, tmp_path):
+    cases = json.loads((shared / "golden" / "expected.json").read_text())["cases"]
+    case = next(case for case in cases if case["file"] == name)
+    source = {
+        "megaplot": "lidR-Megaplot.laz",
+        "4_6_crop": "../../tiles/4_6_crop.las",
+        "autzen_trim": "../../tiles/autzen_trim.las",
+        "lonestar9": "lonestar9.laz",
+    }
+    stem = name.rsplit("-s" if "-s" in name else "-d", 1)[0]
+    path = shared / "golden" / "inputs" / source.get(stem, f"{stem}.las")
+    report = vt.convert(
+        path,
+        tmp_path,
+        compat="toolkit",
+        depth=case["depth"],
+        gzip=False,
+        dem=False,
+        crs=f"EPSG:{case['header']['crs']}" if case["header"]["crs"] != 2000 else None,
+        meta=("rgb", "height", "returns", "intensity", "class") if case["nbits"] else (),
+        dense="always" if case["mode"] == "dense" else "never",
+    )
+    suffix = Path(name).suffix
+    made = next(output for output in report.paths if output.suffix == suffix).read_bytes()
+    golden = (shared / "golden" / "files" / name).read_bytes()
+    assert made[:16] + made[32:] == golden[:16] + golden[32:]
