@@ -1,0 +1,1 @@
+"""The command line of volatool: options, printing and exit codes; the work is in `volatool`."""

@@ -1,0 +1,38 @@
+"""``volatool dem``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from volatool_cli import options
+
+
+@click.command(short_help="Write the elevation model of tiles.")
+@options.inputs
+@options.nul_names
+@options.output
+@options.selection
+@options.reading
+@options.crs
+@options.dem
+@options.memory
+@click.option("--json", "as_json", is_flag=True, help="Print a report a line instead of paths.")
+@options.no_resources
+@options.talking
+def dem(**arguments: Any) -> None:
+    """Make the elevation model of tiles and nothing else: NAME.dem.tif.
+
+    A float32 Cloud-Optimised GeoTIFF: the EMap surface through the points, filled as far as
+    --max-gap from measured cells, nodata -9999 beyond.
+
+    \b
+    Examples:
+      volatool dem tile.laz
+      volatool dem tile.laz -o out --surface dsm --cell 0.5m
+      volatool dem tile.laz -o out --max-gap 10m --layers flag,count,distance
+    """
+    from volatool_cli.run import run_tiles
+
+    run_tiles(arguments, kind="dem")

@@ -1,0 +1,50 @@
+"""``volatool validate``."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from volatool_cli import options
+
+
+@click.command(short_help="Check volumes, elevation models and reports.")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path())
+@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@options.talking
+def validate(
+    files: tuple[str, ...],
+    as_json: bool,
+    progress: str,
+    quiet: bool,
+    verbose: int,
+    log: str | None,
+) -> None:
+    """Check structure, counts and checksums of volumes, and that DEMs and reports read back.
+
+    Exit status 6 if a check does not hold; each fault is one line with its offset.
+
+    \b
+    Examples:
+      volatool validate tile.vol.gz tile.dvol.gz
+      volatool validate tile.dem.tif tile.stats.json --json
+    """
+    from pathlib import Path
+
+    from volatool.report import dumps
+    from volatool.validate import validate_file
+    from volatool_cli.exit_codes import ExitCode
+    from volatool_cli.output import configure_logging
+
+    configure_logging(quiet, verbose, log)
+    reports = [validate_file(Path(name)) for name in files]
+    for report in reports:
+        if as_json:
+            click.echo(dumps(report.to_dict()))
+            continue
+        click.echo(f"{report.path}: {'ok' if report.ok else 'FAULTY'} ({report.kind})")
+        for problem in report.problems:
+            click.echo(f"  {problem}")
+    if not all(report.ok for report in reports):
+        sys.exit(ExitCode.CHECK_FAILED)

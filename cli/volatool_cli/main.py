@@ -1,0 +1,108 @@
+"""The ``volatool`` command: its subcommands, and errors and signals turned into exit statuses."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from typing import Any, NoReturn
+
+import click
+
+from volatool import __version__
+from volatool.errors import VolatoolError
+from volatool_cli.commands.convert import convert
+from volatool_cli.commands.dem import dem
+from volatool_cli.commands.doctor import doctor
+from volatool_cli.commands.info import info
+from volatool_cli.commands.stats import stats
+from volatool_cli.commands.validate import validate
+from volatool_cli.exit_codes import ExitCode, code_for
+
+logger = logging.getLogger("volatool")
+
+
+class CodedError(click.ClickException):
+    """A volatool error as click shows it: one line on stderr, its exit status."""
+
+    def __init__(self, error: VolatoolError) -> None:
+        super().__init__(f"{error.code}: {error}")
+        self.exit_code = code_for(error)  # type: ignore[misc]
+
+    def show(self, file: Any = None) -> None:
+        """Print the one line."""
+        click.echo(self.format_message(), file=file, err=True)
+
+
+class VolatoolGroup(click.Group):
+    """A group whose commands may raise volatool's errors."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command."""
+        try:
+            return super().invoke(ctx)
+        except VolatoolError as error:
+            logger.info("%s", error, exc_info=True)
+            raise CodedError(error) from error
+        except BrokenPipeError:
+            _close_stdout()
+            raise click.exceptions.Exit(ExitCode.STDOUT_CLOSED) from None
+
+
+@click.group(
+    cls=VolatoolGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    epilog="Documentation and error codes: docs/ in the source repository.",
+)
+@click.version_option(__version__, prog_name="volatool")
+def cli() -> None:
+    """Turn LAS, LAZ and COPC tiles into VOLA volumes, elevation models and statistics.
+
+    \b
+    Examples:
+      volatool convert tile.laz
+      volatool stats tiles/*.laz --summary
+      volatool validate tile.vol.gz
+    """
+
+
+for command in (convert, stats, info, dem, validate, doctor):
+    cli.add_command(command)
+
+
+def main() -> NoReturn:
+    """Run the command line and exit; the entry point."""
+    try:
+        status = cli.main(prog_name="volatool", standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.Abort:
+        click.echo("interrupted", err=True)
+        status = ExitCode.INTERRUPTED
+    except click.UsageError as error:
+        _show_usage(error)
+        status = ExitCode.USAGE
+    except click.ClickException as error:
+        error.show()
+        status = error.exit_code
+    except BrokenPipeError:
+        _close_stdout()
+        status = ExitCode.STDOUT_CLOSED
+    except Exception as error:  # a bug: one line for the user, the traceback in the log
+        logger.info("internal error", exc_info=True)
+        click.echo(f"E_INTERNAL: {type(error).__name__}: {error} (-v shows where)", err=True)
+        status = ExitCode.INTERNAL
+    sys.exit(int(status) if isinstance(status, int) else 0)
+
+
+def _close_stdout() -> None:
+    """Keep the interpreter from flushing into a stdout whose reader has gone."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _show_usage(error: click.UsageError) -> None:
+    """Print a usage error as one coded line; without any argument, the help."""
+    if error.ctx is not None and len(sys.argv) <= 1:
+        click.echo(error.ctx.get_help(), err=True)
+        return
+    path = "volatool" if error.ctx is None else error.ctx.command_path
+    click.echo(f"E_OPTION: {error.format_message()} ({path} --help)", err=True)

@@ -1,0 +1,213 @@
+"""Options that several commands share; each means the same everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import reduce
+from typing import Any, TypeVar
+
+import click
+
+from volatool_cli.params import (
+    BoundsType,
+    CodesType,
+    DepthType,
+    LengthType,
+    SizeType,
+    WordsType,
+)
+
+F = TypeVar("F", bound=Callable[..., Any])
+Decorator = Callable[[F], F]
+
+META_WORDS = ("rgb", "height", "returns", "intensity", "class")
+
+
+def group(*decorators: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """Return one decorator that applies several, keeping their order in the help."""
+    return lambda function: reduce(
+        lambda inner, outer: outer(inner), reversed(decorators), function
+    )
+
+
+inputs = click.argument("inputs", metavar="INPUT...", nargs=-1, required=True)
+
+nul_names = click.option(
+    "-0", "nul", is_flag=True, help="Names from stdin (INPUT -) end in NUL, as find -print0 writes."
+)
+
+selection = group(
+    click.option("--class", "classes", type=CodesType(), help="Use only these class codes: 2,9."),
+    click.option("--exclude-class", "exclude_classes", type=CodesType(), help="Leave these out."),
+    click.option(
+        "--returns",
+        type=click.Choice(["all", "first", "last"]),
+        default="all",
+        show_default=True,
+        help="Which returns of a pulse to use.",
+    ),
+    click.option("--keep-withheld", is_flag=True, help="Use points flagged as withheld."),
+    click.option("--keep-noise", is_flag=True, help="Use points of the noise classes 7 and 18."),
+    click.option("--bounds", type=BoundsType(), help="Use only points inside, in CRS units."),
+    click.option(
+        "--thin", type=click.IntRange(min=1), metavar="N", help="Use every N-th point of the file."
+    ),
+    click.option(
+        "--robust-z", is_flag=True, help="Leave points out that stand alone far above or below."
+    ),
+)
+
+reading = group(
+    click.option(
+        "--chunk-points",
+        type=click.IntRange(min=1),
+        default=250_000,
+        show_default=True,
+        metavar="N",
+        help="Points read at a time; does not change any result.",
+    ),
+    click.option("--salvage", is_flag=True, help="Use the readable points of a damaged file."),
+    click.option("--strict", is_flag=True, help="Refuse files with faults that are warnings."),
+)
+
+crs = group(
+    click.option("--crs", metavar="EPSG:x[+y]", help="CRS of the points, whatever the file says."),
+    click.option("--crs-default", metavar="EPSG:x[+y]", help="CRS of files that have none."),
+    click.option("--to-crs", metavar="EPSG:x|utm", help="Reproject while reading."),
+)
+
+cube = group(
+    click.option(
+        "--cube",
+        type=LengthType("auto"),
+        default="auto",
+        show_default="auto: longest side of the box of all points",
+        help="Side of the cube, anchored at the minimum of the box.",
+    ),
+    click.option("--snap", is_flag=True, help="Cube corner on multiples of its side."),
+)
+
+depth = group(
+    click.option(
+        "--depth",
+        type=DepthType(),
+        default="auto",
+        show_default="auto: by block occupancy",
+        help="Number of levels.",
+    ),
+    click.option("--resolution", type=LengthType(), help="Cell edge; the nearest not coarser."),
+    click.option(
+        "--min-occupancy",
+        type=click.FloatRange(0, 1, min_open=True),
+        default=0.15,
+        show_default=True,
+        metavar="FRACTION",
+        help="Average fill of stored blocks that a depth must reach.",
+    ),
+    click.option(
+        "--max-depth",
+        type=click.IntRange(2, 10),
+        default=8,
+        show_default=True,
+        help="Deepest level looked at.",
+    ),
+    click.option("--budget", type=SizeType(), help="Deepest level whose gzip file fits."),
+    click.option(
+        "--depth-from",
+        type=click.Path(dir_okay=False),
+        metavar="DATASET.json",
+        help="Depth of a data set, from stats --summary --format json.",
+    ),
+)
+
+metadata = click.option(
+    "--meta",
+    type=WordsType(*META_WORDS),
+    metavar="WORDS",
+    default=",".join(META_WORDS),
+    show_default="all that the file has",
+    help="Metadata per block: rgb,height,returns,intensity,class or none.",
+)
+
+memory = click.option(
+    "--memory",
+    type=SizeType(),
+    default="1G",
+    show_default=True,
+    help="Ceiling for the whole process, kept by spilling to temporary files.",
+)
+
+dem = group(
+    click.option(
+        "--cell",
+        type=LengthType("auto"),
+        default="auto",
+        show_default="auto: 60 % of the cells hold a point",
+        help="Edge of a DEM cell.",
+    ),
+    click.option(
+        "--surface",
+        type=click.Choice(["auto", "dtm", "dsm", "min", "max"]),
+        default="auto",
+        show_default="auto: dtm with ground-class points, else min",
+        help="Which points make the surface.",
+    ),
+    click.option(
+        "--max-gap", type=LengthType(), help="Fill no cell farther than this from a measured one."
+    ),
+    click.option("--no-fill", is_flag=True, help="Leave every cell without a point empty."),
+    click.option(
+        "--preset",
+        type=click.Choice(["emap", "paper"]),
+        default="emap",
+        show_default=True,
+        help="Springs: ours, or the EMap paper's membrane.",
+    ),
+    click.option("--k-surface", type=float, metavar="K", help="Stiffness of the surface springs."),
+    click.option("--k-point", type=float, metavar="K", help="Stiffness of the point springs."),
+    click.option(
+        "--tol",
+        type=LengthType(),
+        default="0.1mm",
+        show_default=True,
+        help="Accuracy of the solution.",
+    ),
+    click.option(
+        "--layers",
+        type=WordsType("count", "flag", "distance"),
+        default="none",
+        help="More rasters beside the DEM: count,flag,distance.",
+    ),
+)
+
+output = group(
+    click.option(
+        "-o",
+        "--outdir",
+        type=click.Path(file_okay=False),
+        metavar="DIR",
+        help="Folder for the outputs; made if need be.  [default: beside the input]",
+    ),
+    click.option("--overwrite", is_flag=True, help="Replace outputs that exist."),
+    click.option("--dry-run", is_flag=True, help="Say what would be written; read headers only."),
+    click.option("--fail-fast", is_flag=True, help="Stop at the first input that fails."),
+)
+
+no_resources = click.option(
+    "--no-resources", is_flag=True, help="Leave time and memory out of the report."
+)
+
+talking = group(
+    click.option(
+        "--progress",
+        type=click.Choice(["auto", "bar", "json", "none"]),
+        default="auto",
+        show_default="bar on a terminal",
+        help="Progress on stderr.",
+    ),
+    click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr."),
+    click.option("-v", "--verbose", count=True, help="More on stderr; twice for debugging."),
+    click.option(
+        "--log", type=click.Path(dir_okay=False), metavar="FILE", help="Write a log, with traces."
+    ),
+)

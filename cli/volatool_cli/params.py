@@ -1,0 +1,121 @@
+"""Option values that are parsed: lengths, sizes, bounds, lists."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from volatool.errors import OptionError
+from volatool.units import Length, parse_size
+
+if TYPE_CHECKING:
+    Base = click.ParamType[Any]
+else:  # not subscriptable in every click that we support
+    Base = click.ParamType
+
+
+class LengthType(Base):
+    """A length with an optional unit; one of `words` is passed on as it is."""
+
+    name = "LENGTH"
+
+    def __init__(self, *words: str) -> None:
+        self.words = words
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a `Length`, or the word."""
+        if value in self.words:
+            return value
+        try:
+            return Length.parse(value)
+        except OptionError as error:
+            self.fail(str(error), param, ctx)
+
+
+class SizeType(Base):
+    """Bytes, with an optional unit."""
+
+    name = "SIZE"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return bytes as an integer."""
+        try:
+            return parse_size(value)
+        except OptionError as error:
+            self.fail(str(error), param, ctx)
+
+
+class BoundsType(Base):
+    """``X0,Y0,X1,Y1``."""
+
+    name = "X0,Y0,X1,Y1"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return `Bounds`."""
+        from volatool.model import Bounds  # loads numpy
+
+        if isinstance(value, Bounds):
+            return value
+        try:
+            left, bottom, right, top = (float(part) for part in value.split(","))
+            return Bounds(left, bottom, right, top)
+        except ValueError:
+            self.fail(f"{value!r} is not X0,Y0,X1,Y1 with X0 <= X1 and Y0 <= Y1", param, ctx)
+
+
+class CodesType(Base):
+    """Comma-separated whole numbers 0 to 255."""
+
+    name = "CODES"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a tuple of int."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            codes = tuple(int(part) for part in value.split(","))
+            if all(0 <= code <= 255 for code in codes):
+                return codes
+        except ValueError:
+            pass
+        self.fail(f"{value!r} is not a list of class codes 0 to 255, such as 2,9", param, ctx)
+
+
+class WordsType(Base):
+    """Comma-separated words out of a list; ``none`` alone is the empty list."""
+
+    name = "WORDS"
+
+    def __init__(self, *words: str) -> None:
+        self.words = words
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a tuple of str, in the order of the list."""
+        if isinstance(value, tuple):
+            return value
+        if value == "none":
+            return ()
+        given = value.split(",")
+        unknown = [word for word in given if word not in self.words]
+        if unknown:
+            self.fail(f"{unknown[0]!r} is not one of {', '.join(self.words)} or none", param, ctx)
+        return tuple(word for word in self.words if word in given)
+
+
+class DepthType(Base):
+    """``auto`` or a number of levels."""
+
+    name = "auto|N"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return None for auto, else an int."""
+        if value is None or value == "auto":
+            return None
+        try:
+            depth = int(value)
+            if 1 <= depth <= 10:
+                return depth
+        except ValueError:
+            pass
+        self.fail(f"{value!r} is not auto or a depth from 1 to 10", param, ctx)

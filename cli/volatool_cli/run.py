@@ -1,0 +1,129 @@
+"""The loop over inputs that convert, dem and stats share: one report each, one exit status."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from volatool.batch.plan import POINT_SUFFIXES, expand
+from volatool.options import ConvertOptions
+from volatool.report import Report
+from volatool_cli.exit_codes import ExitCode
+from volatool_cli.output import configure_logging, progress_of, say_warnings
+
+_VOLUME_SUFFIXES = (".vol", ".vol.gz", ".dvol", ".dvol.gz")
+
+
+def run_tiles(arguments: dict[str, Any], kind: str) -> None:
+    """
+    Run a command over its inputs and exit with the status that says how it went.
+
+    Parameters
+    ----------
+    arguments : dict
+        The command's options by parameter name.
+    kind : str
+        ``"convert"``, ``"dem"`` or ``"stats"``.
+    """
+    quiet = arguments.pop("quiet")
+    configure_logging(quiet, arguments.pop("verbose"), arguments.pop("log"))
+    show_progress = arguments.pop("progress")
+    as_json = arguments.pop("as_json", False)
+    form, summary = arguments.pop("form", None), arguments.pop("summary", False)
+    fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
+    dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
+    folder = None if outdir is None else Path(outdir)
+
+    suffixes = POINT_SUFFIXES + (_VOLUME_SUFFIXES if kind == "stats" else ())
+    names, nul = arguments.pop("inputs"), arguments.pop("nul")
+    paths = expand(names, _stdin_names(nul) if "-" in names else (), suffixes)
+    options = convert_options(arguments)
+
+    from volatool.batch.run import run_inputs
+
+    if dry_run:
+        _dry_run(paths, options, kind, folder, overwrite)
+        return
+    reports = []
+    for report in run_inputs(
+        paths,
+        options,
+        kind=kind,
+        outdir=folder,
+        overwrite=overwrite,
+        fail_fast=fail_fast,
+        progress=lambda path: progress_of(path.name, show_progress, quiet),
+    ):
+        if report.error is not None:
+            click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
+        if report.input is not None:
+            say_warnings(report.input["name"], report.warnings, quiet)
+        reports.append(report)
+        if kind != "stats":
+            _print_result(report, as_json)
+    if kind == "stats":
+        _print_stats(reports, form, summary)
+    n_failed = sum(report.error is not None for report in reports)
+    if n_failed:
+        sys.exit(ExitCode.ALL_FAILED if n_failed == len(reports) else ExitCode.SOME_FAILED)
+
+
+def convert_options(arguments: dict[str, Any]) -> ConvertOptions:
+    """Return the library's options for the command line's."""
+    arguments["fill"] = not arguments.pop("no_fill", False)
+    arguments["resources"] = not arguments.pop("no_resources")
+    return ConvertOptions(**arguments)
+
+
+def _stdin_names(nul: bool) -> list[str]:
+    """Return the names on stdin, which may hold any byte but the separator."""
+    data = sys.stdin.buffer.read()
+    separator = b"\0" if nul else b"\n"
+    names = [name.rstrip(b"\r") if not nul else name for name in data.split(separator)]
+    return [name.decode(sys.getfilesystemencoding(), "surrogateescape") for name in names if name]
+
+
+def _print_result(report: Report, as_json: bool) -> None:
+    if as_json:
+        click.echo(report.to_json())
+    else:
+        for path in report.paths:
+            click.echo(str(path))
+
+
+def _print_stats(reports: Sequence[Report], form: str, summary: bool) -> None:
+    from volatool.summary import summarize
+    from volatool.tables import render
+
+    good = [report for report in reports if report.error is None]
+    if summary and good:
+        click.echo(render([summarize(good)], form))
+    elif form in ("json", "jsonl") or good:
+        click.echo(render(reports if form in ("json", "jsonl") else good, form))
+
+
+def _dry_run(
+    paths: Sequence[Path],
+    options: ConvertOptions,
+    kind: str,
+    outdir: Path | None,
+    overwrite: bool,
+) -> None:
+    """Print what would be written, after the checks that need no points."""
+    from volatool.batch.plan import refuse_collisions
+    from volatool.outputs import refuse_existing
+    from volatool.tile import open_source, planned_outputs
+
+    refuse_collisions(paths, outdir)
+    targets = [target for path in paths for target in planned_outputs(path, options, kind, outdir)]
+    refuse_existing(targets, overwrite)
+    for path in paths:
+        with open_source(path, options) as source:
+            crs = source.crs.horizontal or "no CRS"
+            click.echo(f"{path}: {source.n_points:,} points, {crs}", err=True)
+    for target in targets:
+        click.echo(str(target))

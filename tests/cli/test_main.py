@@ -1,0 +1,152 @@
+"""What holds for every command: help, statuses, streams."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+
+import click
+import pytest
+
+from volatool_cli.main import cli
+
+COMMANDS = ["convert", "stats", "info", "dem", "validate", "doctor"]
+
+
+def help_of(name):
+    command = cli.commands[name]
+    return command.get_help(click.Context(command, info_name=name))
+
+
+def test_every_command_is_there_and_both_help_flags_work(volatool):
+    assert sorted(cli.commands) == sorted(COMMANDS)
+    for flag in ("-h", "--help"):
+        done = volatool("convert", flag)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert "Examples:" in done.stdout
+
+
+def test_help_loads_neither_numpy_nor_numba_nor_rasterio():
+    code = (
+        "import sys\nfrom volatool_cli.main import cli\n"
+        "try: cli(['convert', '--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'numpy', 'numba', 'rasterio', 'laspy', 'pyproj'} & set(sys.modules)\n"
+        "sys.exit(f'loaded {heavy}' if heavy else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_without_a_command_the_help_goes_to_stderr_with_status_2(volatool):
+    done = volatool()
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "Usage: volatool" in done.stderr
+
+
+def test_the_version_is_told(volatool):
+    from volatool import __version__
+
+    assert volatool("--version").stdout.strip() == f"volatool, version {__version__}"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_says_what_it_does(name):
+    for parameter in cli.commands[name].params:
+        if isinstance(parameter, click.Option):
+            assert parameter.help, parameter.name
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_examples_of_the_help_run(name, volatool):
+    """Each example, with the names of the sample tiles in place of its own."""
+    folder = volatool.folder
+    (folder / "tile.laz").symlink_to(folder / "forest.laz")
+    (folder / "tiles").mkdir()
+    (folder / "tiles" / "one.laz").symlink_to(folder / "forest.laz")
+    if name in ("info", "validate", "stats"):
+        assert volatool("convert", "tile.laz", "-q").returncode == 0
+    examples = re.findall(r"^\s+((?:find|volatool) .*)$", help_of(name), re.MULTILINE)
+    assert examples
+    for number, example in enumerate(examples):
+        words = shlex.split(example)
+        if "-o" in words:
+            words[words.index("-o") + 1] = f"out{number}"
+        line = " ".join(word if word in "|" else shlex.quote(word) for word in words)
+        line = line.replace("volatool ", f"{shlex.quote(sys.executable)} -m volatool_cli ")
+        done = subprocess.run(
+            ["bash", "-c", line], cwd=folder, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{example}\n{done.stderr}"
+        assert done.stdout, example
+        if name == "dem":
+            for made in folder.glob("tile.dem*"):
+                made.unlink()
+
+
+def test_an_unknown_option_is_status_2_and_one_coded_line(volatool):
+    done = volatool("convert", "town.laz", "--frobnicate")
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("E_OPTION: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_closed_stdout_is_status_141_without_a_traceback(volatool):
+    command = [sys.executable, "-m", "volatool_cli", "stats", "town.laz", "--format", "json"]
+    with subprocess.Popen(
+        command, cwd=volatool.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        process.stdout.close()
+        stderr = process.stderr.read()
+        assert process.wait(60) == 141
+    assert "Traceback" not in stderr
+
+
+def test_an_interrupt_is_status_130_and_leaves_nothing(volatool):
+    command = [sys.executable, "-m", "volatool_cli", "convert", "town.laz", "-o", "out"]
+    command += ["--chunk-points", "200", "--progress", "json"]
+    with subprocess.Popen(
+        command, cwd=volatool.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        process.stderr.readline()  # it is reading points
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in stderr
+    out = volatool.folder / "out"
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_a_killed_run_leaves_no_result_and_the_next_run_cleans_up(volatool):
+    out = volatool.folder / "out"
+    command = [sys.executable, "-m", "volatool_cli", "convert", "town.laz", "-o", "out"]
+    with subprocess.Popen(
+        command, cwd=volatool.folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    ) as process:
+        deadline = time.monotonic() + 60
+        while not (out.exists() and any(out.iterdir())):
+            assert time.monotonic() < deadline
+            time.sleep(0.002)
+        process.kill()
+    left = [path.name for path in out.iterdir()]
+    assert all(name.startswith(".") for name in left) or len(left) == 4  # none or all
+    done = volatool("convert", "town.laz", "-o", "out", "--overwrite")
+    assert done.returncode == 0, done.stderr
+    assert not [path.name for path in out.iterdir() if path.name.startswith(".")]
+
+
+def test_completion_scripts_are_clicks_own(volatool):
+    done = volatool(env={"_PYTHON_M_VOLATOOL_CLI_COMPLETE": "bash_source"})
+    done = subprocess.run(
+        [sys.executable, "-c", "from volatool_cli.main import main; main()"],
+        env={**os.environ, "_VOLATOOL_COMPLETE": "bash_source"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "complete -o nosort -F" in done.stdout
