@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from volatool import resources
 from volatool.batch.plan import stem
@@ -367,7 +367,9 @@ class _Tile:
         layers = {}
         for layer in options.layers:
             path = self.target(f".dem.{layer}.tif")
-            geotiff.write_layer(self.outputs.add(path), dem, layer, tags=self._tags())
+            geotiff.write_layer(
+                self.outputs.add(path), dem, cast("geotiff.Layer", layer), tags=self._tags()
+            )
             layers[layer] = path.name
         document = {"path": target.name, **dem.to_dict(), "holdout": None}
         document["solver"] = document["solver"] or None  # no points: nothing was solved

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pyproj
+from numpy.typing import NDArray
 from pyproj.exceptions import CRSError as ForeignCRSError
 from pyproj.exceptions import ProjError
 
@@ -136,10 +137,10 @@ class Reprojected:
             )
         )
         if self._moves_z:
-            new_x, new_y, new_z = self._transformer.transform(x, y, z)
+            new_x, new_y, new_z = self._transformed(x, y, z)
         else:
-            new_x, new_y = self._transformer.transform(x, y)
-            new_z = z
+            new_x, new_y = self._transformed(x, y)
+            new_z = z.astype(np.float64, copy=False)
         bad = ~(np.isfinite(new_x) & np.isfinite(new_y) & np.isfinite(new_z))
         if bad.any():
             at = int(np.argmax(bad))
@@ -149,6 +150,15 @@ class Reprojected:
                 "E_BAD_COORDINATE",
             )
         return new_x, new_y, new_z
+
+    def _transformed(self, *columns: NDArray[Any]) -> tuple[F64, ...]:
+        n = len(columns[0])
+        if n == 1:
+            # pyproj takes a single point for scalars, which numpy before 2.4 warns of
+            columns = tuple(np.repeat(column, 2) for column in columns)
+        transform: Callable[..., tuple[F64, ...]] = self._transformer.transform
+        moved = transform(*columns)
+        return tuple(column[:n] for column in moved)
 
     def _float_box(self) -> list[float]:
         """Return minimum x, y, z and maximum of all points in the new CRS."""

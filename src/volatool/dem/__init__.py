@@ -1,0 +1,1 @@
+"""Elevation models: surfaces, grids, GeoTIFF."""

@@ -1,0 +1,218 @@
+"""Points for a surface, taken from the stream as it passes: ground, first returns, or all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volatool.errors import CodedWarning, InputError, OptionError
+from volatool.model import PointChunk, as_fraction
+from volatool.scratch import Scratch, Spool
+
+SURFACES = ("auto", "dtm", "dsm", "min", "max")
+GROUND = 2
+ROW = np.dtype((np.int32, (3,)))
+"""A point in a spool: stored x, y, z."""
+
+SHARE = 0.25
+"""Part of the memory budget that may be in use before points go to a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfacePoints:
+    """
+    The points of a file that a surface is made from.
+
+    Parameters
+    ----------
+    name : str
+        ``"dtm"``, ``"dsm"``, ``"min"`` or ``"max"``.
+    ground_source : str
+        ``"class 2"``, ``"first returns"``, ``"lowest point per cell"``, ``"highest point per
+        cell"``.
+    spool : Spool
+        Rows of int32 x, y, z in file order.
+    scale, offset : tuple of 3 float
+        Of the stored integers.
+    extent : tuple of 4 int or None
+        Smallest and largest stored x, y (x0, y0, x1, y1) of *all* points that were added, used
+        for the surface or not: the DEM covers them. None without any.
+    z_range : tuple of 2 int
+        Smallest and largest stored z of the spool; 0, 0 when it is empty.
+    warnings : tuple of CodedWarning
+        ``W_NO_GROUND_CLASS``.
+    """
+
+    name: str
+    ground_source: str
+    spool: Spool
+    scale: tuple[float, float, float]
+    offset: tuple[float, float, float]
+    extent: tuple[int, int, int, int] | None
+    z_range: tuple[int, int] = (0, 0)
+    warnings: tuple[CodedWarning, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.spool)
+
+    @property
+    def is_extreme(self) -> bool:
+        """Only one point per cell goes into the surface."""
+        return self.name in ("min", "max")
+
+    @property
+    def box(self) -> tuple[Fraction, Fraction, Fraction, Fraction] | None:
+        """Exact left, bottom, right, top of all points that were added."""
+        if self.extent is None:
+            return None
+        sides = [
+            stored * as_fraction(self.scale[k % 2]) + as_fraction(self.offset[k % 2])
+            for k, stored in enumerate(self.extent)
+        ]
+        return (sides[0], sides[1], sides[2], sides[3])
+
+    def pieces(self) -> Iterable[NDArray[np.int32]]:
+        """Yield (n, 3) arrays of int32 x, y, z in file order."""
+        for rows in self.spool.pieces():
+            # rows read back from a file are read-only, which would be another kernel signature
+            yield rows if rows.flags.writeable else rows.copy()
+
+    def close(self) -> None:
+        """Drop the points."""
+        self.spool.close()
+
+
+class SurfaceGatherer:
+    """
+    Pick the points of a surface from a stream of chunks.
+
+    Parameters
+    ----------
+    surface : str
+        ``auto`` (ground-class points when there are any, else the lowest point per cell),
+        ``dtm`` (ground-class points), ``dsm`` (first returns), ``min``, ``max`` (lowest, highest
+        point per cell).
+    scratch : Scratch
+        Where points wait.
+    dimensions : iterable of str
+        Attributes that the file's point format has.
+    """
+
+    def __init__(self, surface: str, scratch: Scratch, dimensions: Iterable[str]) -> None:
+        if surface not in SURFACES:
+            raise OptionError(f"--surface must be one of {', '.join(SURFACES)}, got {surface!r}")
+        self.surface = surface
+        self.scratch = scratch
+        self.dimensions = frozenset(dimensions)
+        self.spool = Spool(scratch, ROW, SHARE)
+        self._has_ground = surface == "dtm"
+        self._scaling: tuple[Any, Any] | None = None
+        self._extent: tuple[int, int, int, int] | None = None
+        self._z_range: tuple[int, int] | None = None
+
+    @property
+    def attributes(self) -> frozenset[str]:
+        """Attributes that the chunks must bring, of those the file has."""
+        wanted = {"auto": "classification", "dtm": "classification", "dsm": "return_number"}
+        return self.dimensions & {wanted.get(self.surface, "")}
+
+    def add(self, chunk: PointChunk) -> None:
+        """
+        Take what the surface needs of a chunk.
+
+        Parameters
+        ----------
+        chunk : PointChunk
+            Selected points in file order; all chunks of one file.
+        """
+        if not len(chunk):
+            return
+        self._scaling = (chunk.scale, chunk.offset)
+        box = tuple(
+            int(value) for value in (chunk.x.min(), chunk.y.min(), chunk.x.max(), chunk.y.max())
+        )
+        old = self._extent or box
+        self._extent = (
+            min(old[0], box[0]), min(old[1], box[1]), max(old[2], box[2]), max(old[3], box[3])
+        )  # fmt: skip
+        self._keep(chunk, self._mask(chunk))
+
+    def _mask(self, chunk: PointChunk) -> NDArray[np.bool_] | None:
+        """Points that the surface is made from; None for all of them."""
+        if self.surface in ("auto", "dtm"):
+            classes = chunk.attributes.get("classification")
+            ground = None if classes is None else classes == GROUND
+            if not self._has_ground and ground is not None and ground.any():
+                # what was kept so far was for the case that no ground class ever comes
+                self.spool.close()
+                self.spool = Spool(self.scratch, ROW, SHARE)
+                self._z_range = None
+                self._has_ground = True
+            if not self._has_ground:
+                return None
+            return np.zeros(len(chunk), bool) if ground is None else ground
+        if self.surface == "dsm":
+            returns = chunk.attributes.get("return_number")
+            # 0 is what formats and writers without returns leave there: take those too
+            return None if returns is None else returns <= 1
+        return None
+
+    def _keep(self, chunk: PointChunk, mask: NDArray[np.bool_] | None) -> None:
+        n = len(chunk) if mask is None else int(np.count_nonzero(mask))
+        if not n:
+            return
+        rows = np.empty((n, 3), np.int32)
+        for axis, stored in enumerate((chunk.x, chunk.y, chunk.z)):
+            rows[:, axis] = stored if mask is None or n == len(chunk) else stored[mask]
+        low, high = int(rows[:, 2].min()), int(rows[:, 2].max())
+        old = self._z_range or (low, high)
+        self._z_range = (min(old[0], low), max(old[1], high))
+        self.spool.append(rows)
+
+    def result(self) -> SurfacePoints:
+        """
+        Return the points, with the honest name of the surface they make.
+
+        Raises
+        ------
+        InputError
+            ``E_NO_GROUND``: ``dtm`` was asked for and no point has the ground class.
+        """
+        if self.surface == "dtm" and self._extent is not None and not len(self.spool):
+            raise InputError(
+                "--surface dtm needs points of class 2 (ground) and there are none; "
+                "use --surface min for the lowest point per cell",
+                "E_NO_GROUND",
+            )
+        warnings: tuple[CodedWarning, ...] = ()
+        name = self.surface
+        if name == "auto":
+            name = "dtm" if self._has_ground else "min"
+            if not self._has_ground and self._extent is not None:
+                message = (
+                    "no point has the ground class (2): the DEM is made from the lowest point "
+                    "per cell and is no bare-earth model"
+                )
+                warnings = (CodedWarning("W_NO_GROUND_CLASS", message),)
+        sources = {
+            "dtm": "class 2",
+            "dsm": "first returns",
+            "min": "lowest point per cell",
+            "max": "highest point per cell",
+        }
+        scale, offset = self._scaling or ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+        return SurfacePoints(
+            name,
+            sources[name],
+            self.spool,
+            scale,
+            offset,
+            self._extent,
+            self._z_range or (0, 0),
+            warnings,
+        )

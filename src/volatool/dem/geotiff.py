@@ -1,0 +1,402 @@
+"""DEM to and from Cloud-Optimised GeoTIFF; the only importer of rasterio.
+
+===========  ==========================================================================
+content      how
+===========  ==========================================================================
+heights      one band float32, void cells -9999 = nodata; unit and description on the band
+layout       COG: tiles of 512, deflate with predictor, averaged overviews without nodata
+place        affine transform, CRS as compound WKT when the vertical part is known,
+             AREA_OR_POINT=Area (a value stands for its whole cell)
+statistics   STATISTICS_MINIMUM, MAXIMUM, MEAN, STDDEV, VALID_PERCENT of the full raster
+provenance   the tags the caller gives, beside TIFFTAG_SOFTWARE
+===========  ==========================================================================
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volatool._version import __version__
+from volatool.dem.grid import Grid
+from volatool.dem.statistics import RasterStatistics
+from volatool.dem.surfaces import NODATA, Dem
+from volatool.errors import FormatError, InputNotFoundError, OutputError
+
+BLOCK = 512
+"""Edge of a tile of the file."""
+
+CACHE_MB = 16
+"""GDAL's block cache; its default is 5 % of the machine's memory."""
+
+Layer = Literal["flag", "count", "distance"]
+
+Problem = tuple[str, str, int | None]
+"""Code, message, and byte offset if known, as in ``volatool validate``."""
+
+_DESCRIPTIONS = {
+    "dtm": "elevation, bare earth",
+    "dsm": "elevation, first returns",
+    "min": "elevation, lowest point per cell",
+    "max": "elevation, highest point per cell",
+    "flag": "0 void, 1 measured, 2 filled",
+    "count": "points of the surface per cell",
+    "distance": "distance to the nearest measured cell",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class DemFile:
+    """
+    What a DEM file holds.
+
+    Parameters
+    ----------
+    z : (h, w) array of float32
+        Heights, NaN where the file has nodata.
+    grid : Grid
+        Where the cells are.
+    wkt : str or None
+        Coordinate reference system.
+    unit, description : str or None
+        Of the band.
+    tags, statistics : dict
+        Dataset tags; ``STATISTICS_...`` of the band.
+    """
+
+    z: NDArray[np.float32]
+    grid: Grid
+    wkt: str | None
+    unit: str | None
+    description: str | None
+    tags: dict[str, str] = field(default_factory=dict)
+    statistics: dict[str, float] = field(default_factory=dict)
+
+
+def write_dem(
+    path: Path,
+    dem: Dem,
+    tags: Mapping[str, str] | None = None,
+    *,
+    directory: Path | None = None,
+) -> None:
+    """
+    Write a DEM's heights as a Cloud-Optimised GeoTIFF.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Output; replaced when it exists. Temporary names and renaming are the caller's.
+    dem : Dem
+        Heights, grid, CRS, units.
+    tags : mapping of str to str, optional
+        Provenance for the dataset's tags.
+    directory : pathlib.Path, optional
+        For the temporary copy that GDAL needs; the system's by default.
+
+    Raises
+    ------
+    OutputError
+        The file could not be written or did not read back.
+    """
+
+    def heights(start: int, stop: int) -> NDArray[Any]:
+        rows = dem.z[start:stop]
+        rows = np.where(np.isnan(rows), np.float32(NODATA), rows)
+        dem.scratch.relax(dem.z, start, stop)
+        return rows
+
+    all_tags = {"surface": dem.surface, "ground_source": dem.ground_source, **(tags or {})}
+    profile = _profile(dem, "float32", NODATA, dem.crs.unit_z, _DESCRIPTIONS[dem.surface])
+    _write(path, profile, heights, all_tags, "AVERAGE", directory)
+
+
+def write_layer(
+    path: Path,
+    dem: Dem,
+    kind: Layer,
+    tags: Mapping[str, str] | None = None,
+    *,
+    directory: Path | None = None,
+) -> None:
+    """
+    Write a layer beside the heights: what each cell is.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        Output; replaced when it exists.
+    dem : Dem
+        The DEM.
+    kind : str
+        ``"flag"`` (uint8), ``"count"`` (uint32) or ``"distance"`` (float32, horizontal unit;
+        nodata when nothing is measured).
+    tags, directory
+        As for `write_dem`.
+    """
+    layer: NDArray[Any] = getattr(dem, kind)
+    is_float = kind == "distance"
+
+    def values(start: int, stop: int) -> NDArray[Any]:
+        rows = layer[start:stop]
+        if is_float:
+            rows = np.where(np.isfinite(rows), rows, np.float32(NODATA))
+        return rows
+
+    unit = dem.crs.unit_xy if is_float else None
+    nodata = NODATA if is_float else None
+    profile = _profile(dem, str(layer.dtype), nodata, unit, _DESCRIPTIONS[kind])
+    _write(path, profile, values, dict(tags or {}), "AVERAGE" if is_float else "MODE", directory)
+    if is_float:
+        dem.scratch.free(layer)
+
+
+def _profile(
+    dem: Dem, dtype: str, nodata: float | None, unit: str | None, description: str
+) -> dict[str, Any]:
+    return {
+        "grid": dem.grid,
+        "wkt": dem.crs.wkt2,
+        "dtype": dtype,
+        "nodata": nodata,
+        "unit": unit,
+        "description": description,
+    }
+
+
+@contextlib.contextmanager
+def _gdal(path: Path, is_output: bool) -> Iterator[None]:
+    """Quiet, small and single-threaded GDAL; its errors become ours."""
+    import rasterio
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import CRSError, RasterioError
+
+    options = {
+        "GDAL_CACHEMAX": CACHE_MB,
+        "GDAL_NUM_THREADS": "1",
+        "GDAL_PAM_ENABLED": "NO",
+        "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+        "CPL_TMPDIR": tempfile.gettempdir(),
+    }
+    try:
+        with rasterio.Env(**options):
+            yield
+    except (RasterioError, CRSError, CPLE_BaseError, OSError) as error:
+        if isinstance(error, (OutputError, FormatError)):
+            raise
+        if is_output:
+            raise OutputError(f"{path}: can't be written ({error})") from error
+        raise FormatError(f"{path}: not a readable GeoTIFF ({error})") from error
+
+
+def _write(
+    path: Path,
+    profile: dict[str, Any],
+    rows: Callable[[int, int], NDArray[Any]],
+    tags: dict[str, str],
+    resampling: str,
+    directory: Path | None,
+) -> None:
+    import rasterio
+    import rasterio.shutil
+    from affine import Affine
+    from rasterio.crs import CRS
+    from rasterio.windows import Window
+
+    grid: Grid = profile["grid"]
+    nodata = profile["nodata"]
+    statistics = RasterStatistics()
+    with (
+        _gdal(path, is_output=True),
+        tempfile.TemporaryDirectory(prefix="volatool-", dir=directory) as folder,
+    ):
+        # GDAL writes a COG only as a copy of a whole raster
+        plain = Path(folder) / "plain.tif"
+        with rasterio.open(
+            plain,
+            "w",
+            driver="GTiff",
+            width=grid.width,
+            height=grid.height,
+            count=1,
+            dtype=profile["dtype"],
+            nodata=nodata,
+            crs=CRS.from_wkt(profile["wkt"]) if profile["wkt"] else None,
+            transform=Affine(*grid.transform),
+            tiled=True,
+            blockxsize=BLOCK,
+            blockysize=BLOCK,
+            BIGTIFF="IF_SAFER",
+            GEOTIFF_VERSION="1.1",
+        ) as file:
+            for start in range(0, grid.height, BLOCK):
+                stop = min(grid.height, start + BLOCK)
+                values = rows(start, stop)
+                statistics.add(values, nodata)
+                file.write(values, 1, window=Window(0, start, grid.width, stop - start))
+            file.set_band_description(1, profile["description"])
+            if profile["unit"]:
+                file.set_band_unit(1, profile["unit"])
+            software = {"TIFFTAG_SOFTWARE": f"volatool {__version__}", "AREA_OR_POINT": "Area"}
+            file.update_tags(**dict(sorted({**tags, **software}.items())))
+            file.update_tags(1, **statistics.tags())
+        rasterio.shutil.copy(
+            plain,
+            path,
+            driver="COG",
+            COMPRESS="DEFLATE",
+            LEVEL="6",
+            PREDICTOR="YES",
+            BLOCKSIZE=str(BLOCK),
+            OVERVIEWS="IGNORE_EXISTING",
+            OVERVIEW_RESAMPLING=resampling,
+            BIGTIFF="IF_SAFER",
+            NUM_THREADS="1",
+            GEOTIFF_VERSION="1.1",
+        )
+    problems = check_dem(path, reread=False)
+    if problems:
+        raise OutputError(f"{path}: does not read back ({problems[0][1]})")
+
+
+def read_dem(path: Path) -> DemFile:
+    """
+    Read a DEM.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A GeoTIFF of one band with square cells, north up.
+
+    Raises
+    ------
+    InputNotFoundError, FormatError
+        Not there; not such a file.
+    """
+    import rasterio
+
+    if not path.exists():
+        raise InputNotFoundError(f"{path}: no such file")
+    with _gdal(path, is_output=False), rasterio.open(path) as file:
+        t = file.transform
+        if file.count != 1 or t.b or t.d or not math.isclose(t.a, -t.e):
+            raise FormatError(f"{path}: not a raster of one band with square cells, north up")
+        z = file.read(1).astype(np.float32)
+        if file.nodata is not None:
+            z[z == np.float32(file.nodata)] = np.nan
+        return DemFile(
+            z,
+            Grid(t.c, t.f, t.a, file.width, file.height),
+            file.crs.to_wkt(version="WKT2_2019") if file.crs else None,
+            file.units[0],
+            file.descriptions[0],
+            file.tags(),
+            _statistics(file.tags(1)),
+        )
+
+
+def read_profile(path: Path) -> dict[str, Any]:
+    """
+    Return what the file says without reading its cells, for ``volatool info``.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A raster that GDAL opens.
+
+    Returns
+    -------
+    facts : dict
+        ``width``, ``height``, ``cell``, ``bounds`` (left, bottom, right, top), ``dtype``,
+        ``nodata``, ``unit``, ``description``, ``crs_name``, ``crs_wkt2``, ``overviews``,
+        ``layout``, ``statistics``, ``tags``.
+
+    Raises
+    ------
+    InputNotFoundError, FormatError
+        Not there; not a raster.
+    """
+    import rasterio
+
+    if not path.exists():
+        raise InputNotFoundError(f"{path}: no such file")
+    with _gdal(path, is_output=False), rasterio.open(path) as file:
+        wkt = file.crs.to_wkt(version="WKT2_2019") if file.crs else None
+        return {
+            "width": file.width,
+            "height": file.height,
+            "cell": file.transform.a,
+            "bounds": list(file.bounds),
+            "dtype": file.dtypes[0],
+            "nodata": file.nodata,
+            "unit": file.units[0],
+            "description": file.descriptions[0],
+            "crs_name": wkt.split('"')[1] if wkt else None,
+            "crs_wkt2": wkt,
+            "overviews": file.overviews(1),
+            "layout": file.tags(ns="IMAGE_STRUCTURE").get("LAYOUT"),
+            "statistics": _statistics(file.tags(1)),
+            "tags": file.tags(),
+        }
+
+
+def _statistics(tags: Mapping[str, str]) -> dict[str, float]:
+    """Return the numbers of a band's statistics tags; tags that aren't numbers are left out."""
+    found = {}
+    for name, value in tags.items():
+        if name.startswith("STATISTICS_"):
+            with contextlib.suppress(ValueError):
+                found[name] = float(value)
+    return found
+
+
+def check_dem(path: Path, *, reread: bool = True) -> list[Problem]:
+    """
+    Return what is wrong with a DEM file; nothing if it is sound.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    reread : bool
+        Read and decompress every cell and compare its range with the statistics tags.
+
+    Returns
+    -------
+    problems : list of (code, message, offset)
+        ``E_CORRUPT``: unreadable. ``E_NOT_COG``: no tiles or overviews missing. ``E_STATISTICS``:
+        the tags don't agree with the cells.
+    """
+    import rasterio
+    from rasterio.windows import Window
+
+    problems: list[Problem] = []
+    try:
+        with _gdal(path, is_output=False), rasterio.open(path) as file:
+            if file.count != 1:
+                problems.append(("E_CORRUPT", f"{file.count} bands instead of one", None))
+            if file.tags(ns="IMAGE_STRUCTURE").get("LAYOUT") != "COG":
+                problems.append(("E_NOT_COG", "the layout is not that of a COG", None))
+            if max(file.shape) > BLOCK and not file.overviews(1):
+                problems.append(("E_NOT_COG", "overviews are missing", None))
+            tags = file.tags(1)
+            statistics = RasterStatistics()
+            for start in range(0, file.height, BLOCK) if reread else ():
+                window = Window(0, start, file.width, min(BLOCK, file.height - start))
+                statistics.add(file.read(1, window=window), file.nodata)
+            found = statistics.tags()
+            for name in ("STATISTICS_MINIMUM", "STATISTICS_MAXIMUM") if reread else ():
+                if name in tags and tags[name] != found.get(name):
+                    message = f"{name} is {tags[name]}, the cells say {found.get(name)}"
+                    problems.append(("E_STATISTICS", message, None))
+    except FormatError as error:
+        problems.append(("E_CORRUPT", str(error), None))
+    return problems

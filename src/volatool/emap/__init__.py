@@ -1,0 +1,1 @@
+"""The spring system of EMap and its solver."""

@@ -1,0 +1,106 @@
+"""Which points make the surface, under which name, and the cell they get."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from making_dems import chunk, gather, ground, hills
+
+from volatool.dem.cell import choose_cell, mean_spacing
+from volatool.dem.gather import SurfaceGatherer
+from volatool.errors import InputError, OptionError
+from volatool.scratch import Scratch
+
+X, Y, Z = np.arange(6.0), np.zeros(6), np.arange(6.0) * 2
+
+
+def heights(points):
+    return np.concatenate([np.empty(0, int), *(rows[:, 2] for rows in points.pieces())]) / 100
+
+
+def test_auto_takes_ground_once_it_is_seen():
+    """Points before the first ground point are kept only until it comes."""
+    first = chunk(X, Y, Z, classification=1)
+    mixed = chunk(X, Y, Z + 100, classification=[1, 2, 2, 1, 2, 6])
+    points = gather(first, mixed, first)
+    assert (points.name, points.ground_source) == ("dtm", "class 2")
+    assert heights(points).tolist() == [102, 104, 108]
+    assert points.z_range == (10200, 10800)
+    assert points.extent == (0, 0, 500, 0)
+    assert points.warnings == ()
+
+
+def test_auto_without_ground_is_honest():
+    """No ground class: the lowest point per cell, called min, with a warning."""
+    points = gather(chunk(X, Y, Z, classification=1))
+    assert (points.name, points.ground_source) == ("min", "lowest point per cell")
+    assert [warning.code for warning in points.warnings] == ["W_NO_GROUND_CLASS"]
+    assert len(points) == 6
+    assert gather(chunk(X, Y, Z), dimensions=()).name == "min"
+
+
+def test_dtm_without_ground_is_an_error():
+    """--surface dtm never falls back."""
+    with pytest.raises(InputError, match="--surface min") as error:
+        gather(chunk(X, Y, Z, classification=1), surface="dtm")
+    assert error.value.code == "E_NO_GROUND"
+    assert len(gather(surface="dtm")) == 0  # no points at all is not about ground
+
+
+def test_dsm_takes_first_returns():
+    """Return 1; 0 stands for formats without returns."""
+    points = gather(chunk(X, Y, Z, return_number=[1, 2, 3, 1, 0, 2]), surface="dsm")
+    assert heights(points).tolist() == [0, 6, 8]
+    assert points.ground_source == "first returns"
+    assert len(gather(chunk(X, Y, Z), surface="dsm", dimensions=())) == 6
+
+
+def test_attributes_are_only_what_the_surface_needs():
+    """min needs none, dtm the class, dsm the return."""
+    wanted = {"auto": "classification", "dtm": "classification", "dsm": "return_number"}
+    for surface in ("auto", "dtm", "dsm", "min", "max"):
+        gatherer = SurfaceGatherer(surface, Scratch(), {"classification", "return_number", "red"})
+        assert gatherer.attributes == {wanted[surface]} if surface in wanted else not ()
+    with pytest.raises(OptionError, match="must be one of"):
+        SurfaceGatherer("tin", Scratch(), ())
+
+
+@pytest.mark.parametrize(
+    ("per_metre", "cell"), [(0.5, "2"), (1.2, "1"), (2.4, "0.5"), (0.05, "10")]
+)
+def test_auto_cell_is_the_smallest_that_is_covered(per_metre, cell):
+    """60 % of the cells in the footprint hold a point; in feet the same cell in metres."""
+    n = round(100 * per_metre)
+    x, y = np.meshgrid((np.arange(n) + 0.5) / per_metre, (np.arange(n) + 0.5) / per_metre)
+    x, y = x.ravel(), y.ravel()
+    choice = choose_cell(ground(x, y, x * 0), None)
+    assert choice.cell == choice.cell_m == Fraction(cell)
+    feet = choose_cell(ground(x / 0.3048, y / 0.3048, x * 0), Fraction("0.3048"))
+    assert feet.cell_m == Fraction(cell)
+    assert feet.cell == Fraction(cell) / Fraction("0.3048")
+
+
+def test_auto_cell_ignores_voids():
+    """A lake of half the tile doesn't coarsen the cell; too few points give the largest."""
+    x, y, z = hills(8000)
+    full = choose_cell(ground(x, y, z), None)
+    dry = x < 30
+    assert choose_cell(ground(x[dry], y[dry], z[dry]), None).cell == full.cell == 1
+    assert choose_cell(ground([0, 1000], [0, 1000], [0, 0]), None).cell == 10
+    assert choose_cell(gather(), None).cell == 1
+
+
+def test_mean_spacing_counts_where_points_are():
+    """s = sqrt(area of occupied cells / n); voids don't count, units do."""
+    x, y, z = hills(3600)
+    s = mean_spacing(ground(x, y, z), None)
+    assert s == pytest.approx(1.0, rel=0.02)
+    left = x < 30
+    half = mean_spacing(ground(x[left], y[left], z[left]), None)
+    assert half == pytest.approx(1.0, rel=0.03)
+    assert mean_spacing(ground(x / 0.3048, y / 0.3048, z), Fraction("0.3048")) == pytest.approx(
+        s / 0.3048, rel=0.05
+    )
+    assert mean_spacing(ground([5.0], [5.0], [0.0]), None) == 5.0
