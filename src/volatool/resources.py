@@ -35,7 +35,18 @@ def rss_bytes() -> int:
 
 
 def peak_rss_bytes() -> int:
-    """Return the largest resident memory this process has had, in bytes."""
+    """
+    Return the largest resident memory this process has had, in bytes.
+
+    Notes
+    -----
+    On Linux not ``ru_maxrss``: that counts what the process was before it became this program, so
+    that a large parent shows in its children.
+    """
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
 

@@ -82,6 +82,14 @@ def test_auto_cell_is_the_smallest_that_is_covered(per_metre, cell):
     assert feet.cell == Fraction(cell) / Fraction("0.3048")
 
 
+def test_auto_cell_follows_a_scan_from_the_ground():
+    """Density that falls with the square of the distance does not end in a coarse cell."""
+    rng = np.random.default_rng(0)
+    radius, angle = rng.uniform(0.5, 15, 40_000), rng.uniform(0, 2 * np.pi, 40_000)
+    x, y = radius * np.cos(angle), radius * np.sin(angle)
+    assert choose_cell(ground(x, y, x * 0), None).cell <= Fraction(1, 2)
+
+
 def test_auto_cell_ignores_voids():
     """A lake of half the tile doesn't coarsen the cell; too few points give the largest."""
     x, y, z = hills(8000)

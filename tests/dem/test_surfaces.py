@@ -192,7 +192,7 @@ def test_fill_and_gap():
     assert (dem.flag[-14:-6, 6:14] != VOID).all()
     assert (dem.flag[33:67, 33:67] == VOID).all()
     assert dem.distance[dem.flag == FILLED].max() <= 8.0
-    assert make_dem(points, METRES, 1.0).cells_void == 0
+    assert make_dem(points, METRES, 1.0, max_gap=30.0).cells_void == 0
     np.testing.assert_array_equal(bare.z[bare.flag == MEASURED], dem.z[bare.flag == MEASURED])
 
 

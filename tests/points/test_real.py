@@ -28,7 +28,8 @@ for path in sys.argv[1:]:
                 print(path.rsplit("/", 1)[-1], n, *sorted({w.code for w in source.warnings}))
         except InputError as error:
             print(path.rsplit("/", 1)[-1], error.code)
-peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+from volatool.resources import peak_rss_bytes
+peak = peak_rss_bytes() // 1024
 assert peak < 400_000, peak
 """
 

@@ -14,8 +14,11 @@ from volatool.dem.grid import Grid, grid_for
 CANDIDATES = tuple(Fraction(value) for value in ("0.1", "0.25", "0.5", "1", "2", "5", "10"))
 """Cell edges in metres."""
 
-FOOTPRINTS = ((Fraction(100), Fraction(10)), (Fraction(0), Fraction(2)))
-"""Least extent of the points, and the edge of the cells that make the footprint then, in metres."""
+FOOTPRINT = Fraction(10)
+"""Edge in metres of the cells that make the data's footprint."""
+
+SCAN_FOOTPRINT, SCAN_EXTENT, SCAN_DENSITY = Fraction(2), 100, 10
+"""The same for scans from the ground: points within 100 m, more than 10 per square metre."""
 
 COVERAGE = 0.6
 """Part of the cells inside the footprint that must hold a point."""
@@ -52,9 +55,10 @@ def choose_cell(points: SurfacePoints, metres_per_unit: Fraction | None) -> Cell
     """
     Return the smallest candidate at which 60 % of the cells in the data's footprint hold a point.
 
-    The footprint is made of the 10 m cells that hold any point of the surface, of 2 m cells where
-    the points extend less than 100 m (scans from the ground). Candidates are the edges that divide
-    it; those that the number of points rules out are skipped. None suits: the largest.
+    The footprint is made of the 10 m cells that hold any point of the surface; of 2 m cells for
+    scans from the ground (many points within 100 m), whose density falls off fast. Candidates are
+    the edges that divide it; those that the number of points rules out are skipped. None suits:
+    the largest.
 
     Parameters
     ----------
@@ -74,8 +78,9 @@ def choose_cell(points: SurfacePoints, metres_per_unit: Fraction | None) -> Cell
     box = points.box
     if box is None or not len(points):
         return CellChoice(Fraction(1) / unit, Fraction(1), 0.0)
-    extent = max(box[2] - box[0], box[3] - box[1]) * unit
-    footprint = next(edge for least, edge in FOOTPRINTS if extent >= least)
+    width, height = (box[2] - box[0]) * unit, (box[3] - box[1]) * unit
+    is_scan = max(width, height) < SCAN_EXTENT and len(points) > SCAN_DENSITY * width * height
+    footprint = SCAN_FOOTPRINT if is_scan else FOOTPRINT
     candidates = [cell for cell in CANDIDATES if footprint % cell == 0]
     large = grid_for(box, footprint / unit, MAX_LARGE)
     cells = occupied(points, large)
