@@ -9,13 +9,11 @@ from typing import Any
 
 import click
 
-from volatool.batch.plan import POINT_SUFFIXES, expand
+from volatool.batch.plan import POINT_SUFFIXES, VOLUME_SUFFIXES, expand
 from volatool.options import ConvertOptions
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
 from volatool_cli.output import configure_logging, progress_of, say_warnings
-
-_VOLUME_SUFFIXES = (".vol", ".vol.gz", ".dvol", ".dvol.gz")
 
 
 def run_tiles(arguments: dict[str, Any], kind: str) -> None:
@@ -38,7 +36,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     folder = None if outdir is None else Path(outdir)
 
-    suffixes = POINT_SUFFIXES + (_VOLUME_SUFFIXES if kind == "stats" else ())
+    suffixes = POINT_SUFFIXES + (VOLUME_SUFFIXES if kind == "stats" else ())
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
     paths = expand(names, _stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from volatool import resources
-from volatool.batch.plan import stem
+from volatool.batch.plan import VOLUME_SUFFIXES, stem
 from volatool.census import box_corners
 from volatool.cube import Cube
 from volatool.encodings import output_stream
@@ -167,7 +167,7 @@ def open_source(path: Path, options: ConvertOptions) -> Iterator[Source]:
 
 
 def _is_volume(path: Path) -> bool:
-    return path.name.lower().endswith((".vol", ".vol.gz", ".dvol", ".dvol.gz"))
+    return path.name.lower().endswith(VOLUME_SUFFIXES)
 
 
 class _Tile:

@@ -11,15 +11,10 @@ from volatool.errors import InputNotFoundError, OptionError, OutputExistsError
 POINT_SUFFIXES = (".las", ".laz")
 """What a folder is searched for; COPC files end in ``.copc.laz``."""
 
-_STEM_SUFFIXES = (
-    ".copc.laz",
-    ".laz",
-    ".las",
-    ".vol.gz",
-    ".dvol.gz",
-    ".vol",
-    ".dvol",
-)
+VOLUME_SUFFIXES = (".vol.gz", ".dvol.gz", ".vol", ".dvol")
+"""What counts as a VOLA file where points and volumes are both taken."""
+
+_STEM_SUFFIXES = (".copc.laz", *POINT_SUFFIXES, *VOLUME_SUFFIXES)
 
 
 def stem(path: Path) -> str:

@@ -20,6 +20,7 @@ from volatool.formats.header import DENSE, HEADER_BYTES, Header
 from volatool.formats.sparse import nonzero
 from volatool.formats.stream import Body, Source
 from volatool.model import U64
+from volatool.occupancy.levels import dense_bytes as level_bytes
 from volatool.vola.strips import Strips, bit_of, group_starts, level_strips, vola_order
 from volatool.vola.volume import Volume
 
@@ -40,8 +41,7 @@ def dense_bytes(depth: int, metadata: bool) -> int:
     metadata : bool
         With metadata words.
     """
-    n_words: int = (64**depth - 1) // 63
-    return HEADER_BYTES + 8 * (1 + metadata) * n_words
+    return HEADER_BYTES + (1 + metadata) * level_bytes(depth)
 
 
 def write(stream: BinaryIO, volume: Volume, *, with_trailer: bool = True) -> int:

@@ -5,18 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from volatool.kernels._jit import kernel
+from volatool.kernels.contiguity import popcount
 
 _ONE = np.uint64(1)
-
-
-@kernel
-def _popcount(word):
-    """Set bits of one word."""
-    word = word - ((word >> _ONE) & np.uint64(0x5555555555555555))
-    two = np.uint64(0x3333333333333333)
-    word = (word & two) + ((word >> np.uint64(2)) & two)
-    word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
-    return np.int64((word * np.uint64(0x0101010101010101)) >> np.uint64(56))
 
 
 @kernel
@@ -45,7 +36,7 @@ def child_keys(words, keys, n_cells):
         key = keys[i] << np.uint64(6)
         while word:
             low = word & (~word + _ONE)
-            cells[place] = key | np.uint64(_popcount(low - _ONE))
+            cells[place] = key | np.uint64(popcount(low - _ONE))
             place += 1
             word ^= low
     return cells
@@ -77,7 +68,7 @@ def child_cells(words, blocks, n_cells):
         x, y, z = 4 * blocks[i, 0], 4 * blocks[i, 1], 4 * blocks[i, 2]
         while word:
             low = word & (~word + _ONE)
-            bit = _popcount(low - _ONE)
+            bit = popcount(low - _ONE)
             cells[place, 0] = x + (bit & 3)
             cells[place, 1] = y + ((bit >> 2) & 3)
             cells[place, 2] = z + (bit >> 4)
@@ -116,7 +107,7 @@ def descend(words, ranks, cells, shift, here):
         word = words[block]
         flag = _ONE << np.uint64(bit)
         if word & flag:
-            here[i] = ranks[block] + _popcount(word & (flag - _ONE))
+            here[i] = ranks[block] + popcount(word & (flag - _ONE))
         else:
             here[i] = -1
 
