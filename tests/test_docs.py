@@ -1,0 +1,82 @@
+"""The documentation: what it tells to type runs, and its generated pages are up to date."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TOP = Path(__file__).resolve().parents[1]
+PAGES = ["docs/tutorial.md", "docs/how-to/many-tiles.md", "docs/how-to/dem.md"]
+
+
+def blocks(page, language):
+    text = (TOP / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def workplace(tmp_path):
+    """Folder with what the pages name: the samples, a folder of tiles, a list of them."""
+    (tmp_path / "bin").mkdir()
+    command = tmp_path / "bin" / "volatool"
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m volatool_cli "$@"\n')
+    command.chmod(0o755)
+    shutil.copytree(TOP / "data_samples", tmp_path / "data_samples")
+    (tmp_path / "tiles").mkdir()
+    sample = tmp_path / "data_samples" / "forest.laz"
+    for name in ("tiles/a_2024.laz", "tiles/b.laz", "tile.laz"):
+        (tmp_path / name).symlink_to(sample)
+    (tmp_path / "tiles.txt").write_text("tiles/a_2024.laz\ntiles/b.laz\n")
+    return tmp_path
+
+
+def shell(line, folder):
+    path = f"{folder / 'bin'}:{os.environ['PATH']}"
+    return subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", line],
+        cwd=folder,
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_commands_of_a_page_run(page, workplace):
+    installing = ("python3", ".venv/bin/pip", ".")  # what .ci/run does
+    missing = [tool for tool in ("jq", "gdaldem", "gdalbuildvrt") if not shutil.which(tool)]
+    for line in "".join(blocks(page, "sh")).splitlines():
+        if line.startswith(installing) or any(tool in line for tool in missing):
+            continue
+        # the lines of a page stand side by side: each may write the same names
+        line = re.sub(r"volatool (convert|dem) ", r"volatool \1 --overwrite ", line)
+        done = shell(line, workplace)
+        assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+def test_the_python_of_the_tutorial_runs(workplace):
+    assert shell("volatool convert data_samples/town.laz -o out", workplace).returncode == 0
+    for block in blocks("docs/tutorial.md", "python"):
+        done = subprocess.run(
+            [sys.executable, "-c", block],
+            cwd=workplace,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        assert "Volume depth 4" in done.stdout
+
+
+def test_generated_pages_links_and_codes_are_up_to_date():
+    done = subprocess.run(
+        [sys.executable, "docs/check.py"], cwd=TOP, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
