@@ -1,6 +1,8 @@
 """Outputs appear whole or not at all."""
 
 import os
+import platform
+import re
 from pathlib import Path
 
 import pytest
@@ -57,12 +59,15 @@ def test_a_file_in_place_of_the_folder_is_a_write_error(tmp_path):
         outputs.add(tmp_path / "file" / "a")
 
 
-def test_leftovers_of_dead_processes_are_swept_and_those_of_living_ones_kept(tmp_path):
-    dead, alive = f".a.vol.volatool-{2**22 + 1}.tmp.vol", f".b.vol.volatool-{os.getppid()}.tmp.vol"
-    for name in (dead, alive, "c.vol", ".hidden"):
+def test_leftovers_of_dead_processes_are_swept_and_those_of_others_kept(tmp_path):
+    host = re.sub("[^A-Za-z0-9_]", "_", platform.node())
+    dead = f".a.vol.volatool-{host}-{2**22 + 1}.tmp.vol"
+    alive = f".b.vol.volatool-{host}-{os.getppid()}.tmp.vol"
+    elsewhere = f".a.vol.volatool-{host}x-{2**22 + 1}.tmp.vol"
+    for name in (dead, alive, elsewhere, "c.vol", ".hidden"):
         (tmp_path / name).touch()
     sweep(tmp_path)
-    assert names(tmp_path) == sorted([alive, "c.vol", ".hidden"])
+    assert names(tmp_path) == sorted([alive, elsewhere, "c.vol", ".hidden"])
 
 
 def test_an_output_that_was_never_written_is_an_error(tmp_path):

@@ -5,13 +5,17 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import platform
 import re
 from pathlib import Path
 from types import TracebackType
 
 from volatool.errors import OutputError, OutputExistsError
 
-_TEMPORARY = re.compile(r"\.(?P<name>.+)\.volatool-(?P<pid>[0-9]+)\.tmp(\..+)?")
+_TEMPORARY = re.compile(
+    r"\.(?P<name>.+)\.volatool-(?P<host>[A-Za-z0-9_]*)-(?P<pid>[0-9]+)\.tmp(\..+)?"
+)
+_HOST = re.sub("[^A-Za-z0-9_]", "_", platform.node())
 
 
 class OutputSet:
@@ -26,8 +30,8 @@ class OutputSet:
     Notes
     -----
     Used as a context manager: leaving it without `commit` removes what was written. A killed run
-    leaves only hidden files ``.NAME.volatool-PID.tmp``, which the next run into that folder
-    removes when no process of that number is alive.
+    leaves only hidden files ``.NAME.volatool-HOST-PID.tmp``, which the next run into that folder
+    on the same machine removes when no process of that number is alive.
     """
 
     def __init__(self, overwrite: bool = False) -> None:
@@ -79,7 +83,8 @@ class OutputSet:
         if folder not in self._swept:
             sweep(folder)
             self._swept.add(folder)
-        temporary = folder / f".{target.name}.volatool-{os.getpid()}.tmp{target.suffix}"
+        name = f".{target.name}.volatool-{_HOST}-{os.getpid()}.tmp{target.suffix}"
+        temporary = folder / name
         self._pending[target] = temporary
         return temporary
 
@@ -122,7 +127,7 @@ def output_name(temporary: Path) -> str:
 
     Examples
     --------
-    >>> output_name(Path(".tile.dem.tif.volatool-123.tmp.tif"))
+    >>> output_name(Path(".tile.dem.tif.volatool-node1-123.tmp.tif"))
     'tile.dem.tif'
     """
     match = _TEMPORARY.fullmatch(temporary.name)
@@ -146,14 +151,15 @@ def refuse_existing(targets: list[Path], overwrite: bool) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Remove temporary files of runs that are no longer alive."""
+    """Remove temporary files of this machine's runs that are no longer alive."""
     try:
         entries = list(folder.iterdir())
     except OSError as error:
         raise write_error(folder, error) from error
     for entry in entries:
         match = _TEMPORARY.fullmatch(entry.name)
-        if match and not _is_alive(int(match["pid"])):
+        # the folder may be shared: of another machine's processes we know nothing
+        if match and match["host"] == _HOST and not _is_alive(int(match["pid"])):
             with contextlib.suppress(OSError):
                 entry.unlink()
 

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from volatool import resources
 from volatool.batch.plan import VOLUME_SUFFIXES, stem
 from volatool.census import box_corners
 from volatool.cube import Cube
+from volatool.elevation import make_elevation
 from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, CRSError
 from volatool.model import Bounds, Progress, no_progress
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
-from volatool.report import Report, dumps
+from volatool.report import Report
 from volatool.scan import Scan, TileScanner
 from volatool.scratch import Scratch
-from volatool.units import Length
 from volatool.volumes import VolumePart, depth_in_advance, make_volumes
 
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from volatool.points.source import Source
     from volatool.vola.builder import VolaBuilder
     from volatool.vola.volume import Volume
+
+logger = logging.getLogger(__name__)
 
 
 def convert_tile(
@@ -220,7 +222,16 @@ class _Tile:
             progress,
             with_volume=self.kind != "dem" and self.options.compat is None,
         )
+        started = time.perf_counter()
         scan = scanner.run()
+        logger.info(
+            "%s: %d points read, %d used, %d pass(es), %.1f s",
+            self.source.name,
+            scan.census.n_read,
+            scan.census.n_used,
+            scan.n_passes,
+            time.perf_counter() - started,
+        )
         self.warnings += [*self.source.warnings, *scan.warnings]
         self._scan_warnings(scan)
         report = Report(
@@ -232,6 +243,7 @@ class _Tile:
         part = self._volume_part(scan)
         if part is not None:
             volume = part.volume
+            logger.info("%s: %s", self.source.name, part.choice["reason"])
             self.warnings += part.warnings
             report = replace(
                 report,
@@ -244,9 +256,19 @@ class _Tile:
             report = replace(report, status="empty")
         dem = None
         resources.drop_library_code()
-        if surface is not None and scan.census.n_read:
-            dem, document = self._dem(surface, scan)
-            report = replace(report, dem=document)
+        if surface is not None and scan.census.box is not None:
+            made = make_elevation(
+                surface,
+                scan.census.box,
+                self.source,
+                self.options,
+                self.scratch,
+                self.outputs,
+                self.target,
+            )
+            dem = made.dem
+            self.warnings += made.warnings
+            report = replace(report, dem=made.document)
         if self.options.preview and self.kind == "convert" and volume is not None:
             self._preview(dem, volume)
         return replace(report, warnings=tuple(self.warnings))
@@ -332,59 +354,8 @@ class _Tile:
             **scan.census.to_dict(header.scale),
         }
 
-    # the elevation model
-
-    def _dem(self, surface: SurfaceGatherer, scan: Scan) -> tuple[Dem, dict[str, Any]]:
-        """Make and write the elevation model; return it with the report's object."""
-        from volatool.dem import geotiff
-        from volatool.dem.surfaces import make_dem
-
-        options, crs, header = self.options, self.source.crs, self.source.header
-        points = surface.result()
-        self.warnings += points.warnings
-        box = scan.census.box
-        if points.extent is None and box is not None:  # nothing is left: an empty DEM of the tile
-            extent = (box[0], box[1], box[3], box[4])
-            points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
-        unit = crs.metres_per_unit_xy
-        cell = options.cell
-        dem = make_dem(
-            points,
-            crs,
-            "auto" if isinstance(cell, str) else cell.in_units(unit),
-            max_gap=None if options.max_gap is None else float(options.max_gap.in_units(unit)),
-            fill=options.fill,
-            k_surface=options.k_surface,
-            k_point=options.k_point,
-            tol_m=_metres(options.tol),
-            scratch=self.scratch,
-            preset=options.preset,
-        )
-        points.close()
-        resources.drop_library_code()
-        target = self.target(".dem.tif")
-        geotiff.write_dem(self.outputs.add(target), dem, tags=self._tags())
-        layers = {}
-        for layer in options.layers:
-            path = self.target(f".dem.{layer}.tif")
-            geotiff.write_layer(
-                self.outputs.add(path), dem, cast("geotiff.Layer", layer), tags=self._tags()
-            )
-            layers[layer] = path.name
-        document = {"path": target.name, **dem.to_dict(), "holdout": None}
-        document["solver"] = document["solver"] or None  # no points: nothing was solved
-        return dem, {**document, "layers": layers} if layers else document
-
-    def _tags(self) -> dict[str, str]:
-        return {"SOURCE": self.source.name, "OPTIONS": dumps(self.options.given())}
-
     def _preview(self, dem: Dem | None, volume: Volume) -> None:
         from volatool.preview import render
 
         with output_stream(self.outputs.add(self.target(".preview.png"))) as stream:
             stream.write(render(dem, volume))
-
-
-def _metres(length: Length) -> float:
-    """Return a tolerance in metres; a bare number is in metres too."""
-    return float(length.in_units(Fraction(1)))

@@ -215,3 +215,26 @@ def test_reprojecting_keeps_every_point(volatool):
     report = json.loads(done.stdout)
     assert report["input"]["crs"]["horizontal"] == "EPSG:3035"
     assert report["input"]["points_used"] == 247005
+
+
+def test_the_elevation_model_alone_and_its_report(volatool):
+    done = volatool("dem", "town.laz", "-o", "out", "--json", "--cell", "2m", "--layers", "flag")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    jsonschema.validate(report, schema())
+    assert names(volatool.folder / "out") == ["town.dem.flag.tif", "town.dem.tif"]
+    dem = report["dem"]
+    assert (dem["cell"], dem["surface"], dem["ground_source"]) == (2.0, "dtm", "class 2")
+    assert dem["cells_measured"] + dem["cells_filled"] + dem["cells_void"] == 120 * 100
+
+
+@pytest.mark.parametrize("surface", ["dtm", "dsm", "min", "max"])
+def test_surfaces_have_honest_names(surface, volatool):
+    done = volatool("dem", "town.laz", "-o", "out", "--json", "--surface", surface)
+    assert json.loads(done.stdout)["dem"]["surface"] == surface
+
+
+def test_a_dtm_without_ground_points_is_refused(volatool):
+    done = volatool("dem", "forest.laz", "-o", "out", "--surface", "dtm")
+    assert (done.returncode, done.stderr.split(":")[0]) == (4, "E_NO_GROUND")
+    assert not (volatool.folder / "out").exists() or not names(volatool.folder / "out")

@@ -1,0 +1,127 @@
+"""The elevation part of a tile: surface points to a model, its files, and what the report says."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from volatool import resources
+from volatool.census import StoredBox
+from volatool.errors import CodedWarning
+from volatool.options import ConvertOptions
+from volatool.outputs import OutputSet
+from volatool.report import dumps
+from volatool.scratch import Scratch
+
+if TYPE_CHECKING:
+    from volatool.dem.gather import SurfaceGatherer, SurfacePoints
+    from volatool.dem.geotiff import Layer
+    from volatool.dem.surfaces import Dem
+    from volatool.points.source import Source
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationPart:
+    """
+    What the elevation model of a tile adds to the report.
+
+    Parameters
+    ----------
+    dem : Dem
+        The model.
+    document : dict
+        The report's ``dem``.
+    warnings : tuple of CodedWarning
+        What came up.
+    """
+
+    dem: Dem
+    document: dict[str, Any]
+    warnings: tuple[CodedWarning, ...]
+
+
+def make_elevation(
+    surface: SurfaceGatherer,
+    box: StoredBox,
+    source: Source,
+    options: ConvertOptions,
+    scratch: Scratch,
+    outputs: OutputSet,
+    target: Callable[[str], Path],
+) -> ElevationPart:
+    """
+    Make the elevation model and write it with its layers.
+
+    Parameters
+    ----------
+    surface : SurfaceGatherer
+        Has seen all points.
+    box : tuple of 6 int
+        Stored box of all points read: the model's extent when none of them is left to use.
+    source : Source
+        For CRS and name.
+    options : ConvertOptions
+        What is asked for.
+    scratch : Scratch
+        Memory budget.
+    outputs : OutputSet
+        Takes the files.
+    target : callable
+        Gives the path of an output for its suffix.
+    """
+    from volatool.dem import geotiff
+
+    points = surface.result()
+    if points.extent is None:
+        header, extent = source.header, (box[0], box[1], box[3], box[4])
+        points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
+    dem = _dem(points, source, options, scratch)
+    points.close()
+    resources.drop_library_code()
+    tags = {"SOURCE": source.name, "OPTIONS": dumps(options.given())}
+    path = target(".dem.tif")
+    geotiff.write_dem(outputs.add(path), dem, tags=tags)
+    layers = {}
+    for layer in options.layers:
+        layer_path = target(f".dem.{layer}.tif")
+        geotiff.write_layer(outputs.add(layer_path), dem, cast("Layer", layer), tags=tags)
+        layers[layer] = layer_path.name
+    document = {"path": path.name, **dem.to_dict(), "holdout": None, "layers": layers}
+    document["solver"] = document["solver"] or None  # no points: nothing was solved
+    return ElevationPart(dem, document, points.warnings)
+
+
+def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch: Scratch) -> Dem:
+    """Return the model, lengths converted to the unit of the CRS."""
+    from volatool.dem.surfaces import make_dem
+
+    unit = source.crs.metres_per_unit_xy
+    cell, gap = options.cell, options.max_gap
+    dem = make_dem(
+        points,
+        source.crs,
+        "auto" if isinstance(cell, str) else cell.in_units(unit),
+        max_gap=None if gap is None else float(gap.in_units(unit)),
+        fill=options.fill,
+        k_surface=options.k_surface,
+        k_point=options.k_point,
+        tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
+        scratch=scratch,
+        preset=options.preset,
+    )
+    logger.info(
+        "%s: %s of %d x %d cells of %g, %s iterations",
+        source.name,
+        dem.surface,
+        dem.grid.width,
+        dem.grid.height,
+        dem.grid.cell,
+        dem.solver.get("iterations"),
+    )
+    return dem
