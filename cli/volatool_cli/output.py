@@ -65,13 +65,17 @@ def progress_of(name: str, form: str, quiet: bool) -> Iterator[Progress]:
         What is worked on.
     form : str
         ``"auto"`` (a bar on a terminal), ``"bar"``, ``"json"`` (a line an event, the last one
-        says done) or ``"none"``.
+        says done or failed) or ``"none"``.
     quiet : bool
         No bar unless asked for by name.
     """
     if form == "json":
-        yield _JsonProgress(name)
-        click.echo(json.dumps({"event": "done", "name": name}, sort_keys=True), err=True)
+        event = {"event": "failed", "name": name}
+        try:
+            yield _JsonProgress(name)
+            event["event"] = "done"
+        finally:
+            click.echo(json.dumps(event, sort_keys=True), err=True)
     elif form == "bar" or (form == "auto" and not quiet and sys.stderr.isatty()):
         from tqdm import tqdm
 

@@ -58,7 +58,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     ):
         if report.error is not None:
             click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
-        if report.input is not None:
+        elif report.input is not None:
             say_warnings(report.input["name"], report.warnings, quiet)
         reports.append(report)
         if kind != "stats":

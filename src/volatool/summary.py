@@ -10,7 +10,8 @@ from typing import Any
 from volatool.cube import Cube
 from volatool.encodings import added_rows
 from volatool.errors import OptionError
-from volatool.occupancy.depth import MIN_OCCUPANCY, choose_depth
+from volatool.model import LevelCounts
+from volatool.occupancy.depth import MIN_OCCUPANCY, Choice, choose_depth, fixed_depth
 from volatool.occupancy.levels import add_counts, counts_from_rows, level_rows
 from volatool.report import Report
 
@@ -45,8 +46,7 @@ def summarize(reports: Sequence[Report]) -> Report:
     sides = [(report.cube or {})["side"] for report in full]
     side = max(sides)
     rows = level_rows(counts, Fraction(repr(side)), n_points, tiles=cubes)
-    threshold = full[0].options.get("min_occupancy", MIN_OCCUPANCY)
-    choice = choose_depth(counts, n_points, cube=Cube((0.0, 0.0, 0.0), side), threshold=threshold)
+    choice = _choice(full, counts, n_points, Cube((0.0, 0.0, 0.0), side))
     all_alike = {report.depth for report in full} == {choice.depth}
     same_side = len(set(sides)) == 1
     return Report(
@@ -66,6 +66,18 @@ def summarize(reports: Sequence[Report]) -> Report:
         options=full[0].options,
         tiles=len(reports),
     )
+
+
+def _choice(
+    reports: Sequence[Report], counts: Sequence[LevelCounts], n_points: int, cube: Cube
+) -> Choice:
+    """Choose by occupancy on the sums, unless one depth was asked for all."""
+    rules = {(report.choice or {})["rule"] for report in reports}
+    depths = {report.depth for report in reports}
+    if "occupancy" not in rules and len(depths) == 1:
+        return fixed_depth(reports[0].depth or 0, cube, counts)
+    threshold = reports[0].options.get("min_occupancy", MIN_OCCUPANCY)
+    return choose_depth(counts, n_points, cube=cube, threshold=threshold)
 
 
 def _input(inputs: Sequence[Mapping[str, Any]], n_volumes: int) -> dict[str, Any]:
@@ -99,31 +111,29 @@ def _input(inputs: Sequence[Mapping[str, Any]], n_volumes: int) -> dict[str, Any
 
 
 def _density(inputs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return points over area, both summed: areas follow from each tile's own density."""
-    counts = {
-        "all_per_area_bbox": "points_read",
-        "all_per_area_occupied": "points_used",
-        "first_per_area_occupied": "points_used",
+    """Return points over area, both summed; a tile's areas follow from its own densities."""
+    covered = [_area(source, "points_used", "all_per_area_occupied") for source in inputs]
+    boxes = [_area(source, "points_read", "all_per_area_bbox") for source in inputs]
+    n_first = sum(
+        (source["density"]["first_per_area_occupied"] or 0.0) * area
+        for source, area in zip(inputs, covered, strict=True)
+    )
+    return {
+        "all_per_area_bbox": _ratio(sum(source["points_read"] or 0 for source in inputs), boxes),
+        "all_per_area_occupied": _ratio(sum(source["points_used"] for source in inputs), covered),
+        "first_per_area_occupied": _ratio(n_first, covered),
+        "occupied_cell": None,
     }
-    density: dict[str, Any] = {"occupied_cell": None}
-    for key, counted in counts.items():
-        pairs = [(source["density"][key], source[counted]) for source in inputs]
-        area = sum(n / value for value, n in pairs if value and n)
-        if key == "first_per_area_occupied":
-            # first returns are not in the report by number: weight by the area of all
-            areas = [
-                (source["points_used"] / source["density"]["all_per_area_occupied"])
-                if source["density"]["all_per_area_occupied"]
-                else 0.0
-                for source in inputs
-            ]
-            n_first = sum(
-                (value or 0.0) * covered for (value, _), covered in zip(pairs, areas, strict=True)
-            )
-            density[key] = n_first / sum(areas) if sum(areas) else None
-        else:
-            density[key] = sum(n for value, n in pairs if value and n) / area if area else None
-    return density
+
+
+def _area(source: Mapping[str, Any], count: str, density: str) -> float:
+    """Return the area that a density was taken over; 0 where there is none."""
+    value = source["density"][density]
+    return source[count] / value if value else 0.0
+
+
+def _ratio(n_points: float, areas: Sequence[float]) -> float | None:
+    return n_points / sum(areas) if all(areas) else None
 
 
 def _encodings(

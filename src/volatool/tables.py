@@ -102,8 +102,8 @@ def encoding_cells(report: Report) -> Cells:
 
 def _caption(report: Report) -> str:
     source = report.input
-    if source is None:
-        return report.status
+    if source is None or report.error is not None:
+        return f"{source['name'] if source else 'input'}: {report.status}"
     points = f"{source['points_used']:,} points"
     cube = report.cube
     side = "" if not cube or cube["side"] is None else f", cube side {cube['side']:.10g}"

@@ -66,6 +66,7 @@ def test_one_bad_tile_does_not_stop_the_rest(volatool):
     for report in (failed, good):
         jsonschema.validate(report, schema())
     assert (failed["status"], failed["error"]["code"]) == ("failed", "E_NOT_LAS")
+    assert failed["input"] == {"name": "bad.laz"}
     assert good["status"] == "ok"
 
 
@@ -133,6 +134,9 @@ def test_progress_in_json_ends_with_a_completion_event(volatool):
     events = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("{")]
     assert events[-1] == {"event": "done", "name": "forest.laz"}
     assert events[-2]["done"] == events[-2]["total"]
+    (volatool.folder / "bad.laz").touch()
+    done = volatool("convert", "bad.laz", "-o", "out2", "--progress", "json")
+    assert json.loads(done.stderr.splitlines()[0]) == {"event": "failed", "name": "bad.laz"}
 
 
 def test_warnings_go_to_stderr_unless_quiet(volatool):

@@ -110,7 +110,7 @@ def failed_report(path: Path, error: VolatoolError, options: ConvertOptions) -> 
     """
     return Report(
         status="failed",
-        input=None,
+        input={"name": path.name},
         options=options.given(),
         error={"code": error.code, "message": str(error)},
     )
