@@ -11,6 +11,7 @@ import click
 
 from volatool import __version__
 from volatool.errors import VolatoolError
+from volatool_cli.commands.classify import classify
 from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
 from volatool_cli.commands.doctor import doctor
@@ -66,7 +67,7 @@ def cli() -> None:
     """
 
 
-for command in (convert, stats, info, dem, validate, doctor):
+for command in (convert, stats, info, dem, classify, validate, doctor):
     cli.add_command(command)
 
 

@@ -36,7 +36,7 @@ nul_names = click.option(
     "-0", "nul", is_flag=True, help="Names from stdin (INPUT -) end in NUL, as find -print0 writes."
 )
 
-selection = group(
+of_class = group(
     click.option("--class", "classes", type=CodesType(), help="Use only these class codes: 2,9."),
     click.option("--exclude-class", "exclude_classes", type=CodesType(), help="Leave these out."),
     click.option(
@@ -48,14 +48,20 @@ selection = group(
     ),
     click.option("--keep-withheld", is_flag=True, help="Use points flagged as withheld."),
     click.option("--keep-noise", is_flag=True, help="Use points of the noise classes 7 and 18."),
+)
+
+of_place = group(
     click.option("--bounds", type=BoundsType(), help="Use only points inside, in CRS units."),
     click.option(
         "--thin", type=click.IntRange(min=1), metavar="N", help="Use every N-th point of the file."
     ),
-    click.option(
-        "--robust-z", is_flag=True, help="Leave points out that stand alone far above or below."
-    ),
 )
+
+of_height = click.option(
+    "--robust-z", is_flag=True, help="Leave points out that stand alone far above or below."
+)
+
+selection = group(of_class, of_place, of_height)
 
 reading = group(
     click.option(
@@ -70,9 +76,13 @@ reading = group(
     click.option("--strict", is_flag=True, help="Refuse files with faults that are warnings."),
 )
 
-crs = group(
+crs_of_file = group(
     click.option("--crs", metavar="EPSG:x[+y]", help="CRS of the points, whatever the file says."),
     click.option("--crs-default", metavar="EPSG:x[+y]", help="CRS of files that have none."),
+)
+
+crs = group(
+    crs_of_file,
     click.option("--to-crs", metavar="EPSG:x|utm", help="Reproject while reading."),
 )
 
@@ -149,7 +159,7 @@ dem = group(
         "--surface",
         type=click.Choice(["auto", "dtm", "dsm", "min", "max"]),
         default="auto",
-        show_default="auto: dtm with ground-class points, else min",
+        show_default="auto: dtm of ground-class points, else of the ground filter's",
         help="Which points make the surface.",
     ),
     click.option(

@@ -25,7 +25,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     arguments : dict
         The command's options by parameter name.
     kind : str
-        ``"convert"``, ``"dem"`` or ``"stats"``.
+        ``"convert"``, ``"dem"``, ``"stats"`` or ``"classify"``.
     """
     quiet = arguments.pop("quiet")
     configure_logging(quiet, arguments.pop("verbose"), arguments.pop("log"))
@@ -113,14 +113,17 @@ def _dry_run(
 ) -> None:
     """Print what would be written, after the checks that need no points."""
     from volatool.batch.plan import refuse_collisions
+    from volatool.classification import refuse_inputs
     from volatool.outputs import refuse_existing
     from volatool.tile import open_source, planned_outputs
 
     refuse_collisions(paths, outdir)
+    if kind == "classify":
+        refuse_inputs(list(paths), options, outdir)
     targets = [target for path in paths for target in planned_outputs(path, options, kind, outdir)]
     refuse_existing(targets, overwrite)
     for path in paths:
-        with open_source(path, options) as source:
+        with open_source(path, options, allow_degrees=kind == "classify") as source:
             crs = source.crs.horizontal or "no CRS"
             click.echo(f"{path}: {source.n_points:,} points, {crs}", err=True)
     for target in targets:

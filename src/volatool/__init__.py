@@ -13,7 +13,7 @@ from volatool._version import __version__
 from volatool.errors import VolatoolError
 
 if TYPE_CHECKING:
-    from volatool.api import convert, stats
+    from volatool.api import classify, convert, stats
     from volatool.cube import Cube
     from volatool.formats.registry import open_volume as open
     from volatool.model import Bounds
@@ -28,6 +28,7 @@ _PLACES = {
     "Report": ("volatool.report", "Report"),
     "VolaBuilder": ("volatool.vola.builder", "VolaBuilder"),
     "Volume": ("volatool.vola.volume", "Volume"),
+    "classify": ("volatool.api", "classify"),
     "convert": ("volatool.api", "convert"),
     "open": ("volatool.formats.registry", "open_volume"),
     "stats": ("volatool.api", "stats"),
@@ -42,6 +43,7 @@ __all__ = [
     "VolatoolError",
     "Volume",
     "__version__",
+    "classify",
     "convert",
     "open",
     "stats",

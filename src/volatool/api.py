@@ -1,4 +1,4 @@
-"""The two calls that most Python users need: convert a tile, and its statistics alone."""
+"""The calls that most Python users need: convert or classify a tile, and its statistics alone."""
 
 from __future__ import annotations
 
@@ -51,6 +51,48 @@ def convert(
     folder = None if outdir is None else Path(outdir)
     checked = _options(options)
     return convert_tile(Path(path), checked, outdir=folder, overwrite=overwrite, progress=progress)
+
+
+def classify(
+    path: str | os.PathLike[str],
+    outdir: str | os.PathLike[str] | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Progress = no_progress,
+    **options: Any,
+) -> Report:
+    """
+    Write a tile's points as LAZ with class 2 set by the ground filter, all else unchanged.
+
+    Parameters
+    ----------
+    path : path
+        LAS, LAZ or COPC.
+    outdir : path, optional
+        Folder for the output, made if need be; beside the input by default.
+    overwrite : bool
+        Replace an output that exists; never an input.
+    progress : callable
+        Called with (points read, points to read).
+    **options
+        Of `volatool.options.ConvertOptions`: selection (what it leaves out is written as it is),
+        CRS, reading and memory.
+
+    Returns
+    -------
+    report : Report
+        ``report.classification`` says what changed.
+
+    Raises
+    ------
+    VolatoolError
+        Nothing is left behind then.
+    """
+    from volatool.classification import classify_tile
+
+    folder = None if outdir is None else Path(outdir)
+    checked = _options(options)
+    return classify_tile(Path(path), checked, outdir=folder, overwrite=overwrite, progress=progress)
 
 
 def stats(

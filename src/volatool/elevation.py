@@ -77,7 +77,7 @@ def make_elevation(
     """
     from volatool.dem import geotiff
 
-    points = surface.result()
+    points = surface.result(source.crs)
     if points.extent is None:
         header, extent = source.header, (box[0], box[1], box[3], box[4])
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)

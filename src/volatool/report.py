@@ -35,6 +35,8 @@ class Report:
         Sizes of the volume in each encoding.
     dem : dict or None
         The elevation model, if one was made.
+    classification : dict or None
+        What `classify` wrote; left out of the JSON when None.
     warnings : sequence of CodedWarning
         In the order in which they came up.
     options : mapping
@@ -62,6 +64,7 @@ class Report:
     error: Mapping[str, str] | None = None
     tiles: int | None = None
     paths: Sequence[Path] = ()
+    classification: Mapping[str, Any] | None = None
 
     @property
     def depth(self) -> int | None:
@@ -85,6 +88,8 @@ class Report:
         }
         if self.resources is not None:
             document["resources"] = dict(self.resources)
+        if self.classification is not None:
+            document["classification"] = dict(self.classification)
         if self.tiles is not None:
             document["tiles"] = self.tiles
         return document
@@ -129,6 +134,7 @@ class Report:
                 resources=document.get("resources"),
                 error=document.get("error"),
                 tiles=document.get("tiles"),
+                classification=document.get("classification"),
             )
         except (KeyError, TypeError) as error:
             raise FormatError(f"not a whole report: {error}", "E_NOT_REPORT") from error

@@ -91,6 +91,7 @@ def _load_libraries() -> None:
     from volatool.kernels import (
         binning,
         contiguity,
+        ground,
         levels,
         multigrid,
         quantize,
@@ -99,7 +100,7 @@ def _load_libraries() -> None:
         words,
     )
 
-    del binning, contiguity, levels, multigrid, reduce, spring, words
+    del binning, contiguity, ground, levels, multigrid, reduce, spring, words
     quantize.key_cells(np.zeros(1, np.uint64), 1)  # the first kernel brings in the compiler
 
 

@@ -134,6 +134,23 @@ class TileScanner:
             assert builders is not None  # the box is that of the points
         return Scan(census, builders or {}, box, self.n_passes, warnings)
 
+    def visit(self, take: Callable[[PointChunk, Bool | None], None]) -> Scan:
+        """
+        Read the tile for a taker of one's own, without builders.
+
+        Parameters
+        ----------
+        take : callable
+            Given each chunk and the mask of the points to use, None for all.
+        """
+        expected = self._expected_box()
+        census = self._census(expected)
+        for chunk, mask in self._chunks(census):
+            census.add(chunk, mask)
+            take(chunk, mask)
+        warnings = self._box_warnings(census.box, expected)
+        return Scan(census, {}, census.box, self.n_passes, warnings)
+
     def _expected_box(self) -> StoredBox:
         """Return the box to make the cube for, from the header if it can be trusted so far."""
         header = self.source.header

@@ -105,7 +105,7 @@ def planned_outputs(
     Parameters
     ----------
     path, options, kind, outdir
-        As in `convert_tile`.
+        As in `convert_tile`; the kind may also be ``"classify"``.
     """
     suffixes = []
     if kind == "convert":
@@ -117,6 +117,8 @@ def planned_outputs(
         suffixes.append(".stats.json")
         if options.preview:
             suffixes.append(".preview.png")
+    if kind == "classify":
+        suffixes.append(".laz")
     if kind == "dem" or (kind == "convert" and options.dem):
         suffixes += [".dem.tif", *(f".dem.{layer}.tif" for layer in options.layers)]
     folder = path.parent if outdir is None else outdir
@@ -124,7 +126,9 @@ def planned_outputs(
 
 
 @contextmanager
-def open_source(path: Path, options: ConvertOptions) -> Iterator[Source]:
+def open_source(
+    path: Path, options: ConvertOptions, *, allow_degrees: bool = False
+) -> Iterator[Source]:
     """
     Open an input, reprojected if that is asked for.
 
@@ -134,6 +138,8 @@ def open_source(path: Path, options: ConvertOptions) -> Iterator[Source]:
         LAS, LAZ or COPC.
     options : ConvertOptions
         CRS options, ``salvage`` and ``strict``.
+    allow_degrees : bool
+        Don't refuse coordinates in degrees.
 
     Raises
     ------
@@ -154,7 +160,7 @@ def open_source(path: Path, options: ConvertOptions) -> Iterator[Source]:
 
             yield Reprojected(source, options.to_crs)
             return
-        if source.crs.is_geographic and source.n_points:
+        if source.crs.is_geographic and source.n_points and not allow_degrees:
             from volatool.points.crs import utm_for
 
             left, bottom, _, right, top, _ = source.header.box
@@ -170,6 +176,38 @@ def open_source(path: Path, options: ConvertOptions) -> Iterator[Source]:
 
 def _is_volume(path: Path) -> bool:
     return path.name.lower().endswith(VOLUME_SUFFIXES)
+
+
+def input_document(path: Path, source: Source, scan: Scan) -> dict[str, Any]:
+    """Return the report's ``input``."""
+    header = source.header
+    return {
+        "name": path.name,
+        "bytes": header.size_bytes,
+        "las_version": header.version,
+        "point_format": header.point_format,
+        "compressed": header.is_compressed,
+        "las_equivalent_bytes": header.las_equivalent_bytes,
+        "points_header": header.n_points,
+        "bbox": corners_of(source, scan) or None,
+        "crs": source.crs.to_dict(),
+        "passes": scan.n_passes,
+        **scan.census.to_dict(header.scale),
+    }
+
+
+def corners_of(source: Source, scan: Scan) -> list[float]:
+    """Return the box of all points read, in units of the CRS; empty without points."""
+    header, box = source.header, scan.census.box
+    if box is None:
+        return []
+    return [float(value) for value in box_corners(box, header.scale, header.offset)]
+
+
+def all_filtered(scan: Scan) -> str:
+    """Say why no point is left to use."""
+    reasons = ", ".join(f"{n} {reason}" for reason, n in scan.census.dropped.items() if n)
+    return f"no point is left to use: {reasons}"
 
 
 class _Tile:
@@ -236,7 +274,7 @@ class _Tile:
         self._scan_warnings(scan)
         report = Report(
             status="partial" if self.source.is_partial else "ok",
-            input=self._input(scan),
+            input=input_document(self.path, self.source, scan),
             options=self.options.given(),
         )
         volume = None
@@ -317,8 +355,7 @@ class _Tile:
         if census.n_read == 0:
             self._warn("W_EMPTY", "the file has no points; no volume is written")
         elif census.n_used == 0:
-            reasons = ", ".join(f"{n} {reason}" for reason, n in census.dropped.items() if n)
-            self._warn("W_ALL_FILTERED", f"no point is left to use: {reasons}", census.n_read)
+            self._warn("W_ALL_FILTERED", all_filtered(scan), census.n_read)
         limits = census.isolated()
         if limits is not None and not self.options.robust_z:
             self._warn(
@@ -333,26 +370,7 @@ class _Tile:
 
     def _corners(self, scan: Scan) -> list[float]:
         """Return the box of all points read, in units of the CRS; empty without points."""
-        header, box = self.source.header, scan.census.box
-        if box is None:
-            return []
-        return [float(value) for value in box_corners(box, header.scale, header.offset)]
-
-    def _input(self, scan: Scan) -> dict[str, Any]:
-        header = self.source.header
-        return {
-            "name": self.path.name,
-            "bytes": header.size_bytes,
-            "las_version": header.version,
-            "point_format": header.point_format,
-            "compressed": header.is_compressed,
-            "las_equivalent_bytes": header.las_equivalent_bytes,
-            "points_header": header.n_points,
-            "bbox": self._corners(scan) or None,
-            "crs": self.source.crs.to_dict(),
-            "passes": scan.n_passes,
-            **scan.census.to_dict(header.scale),
-        }
+        return corners_of(self.source, scan)
 
     def _preview(self, dem: Dem | None, volume: Volume) -> None:
         from volatool.preview import render

@@ -238,7 +238,10 @@ def test_surfaces_have_honest_names(surface, volatool):
     assert json.loads(done.stdout)["dem"]["surface"] == surface
 
 
-def test_a_dtm_without_ground_points_is_refused(volatool):
-    done = volatool("dem", "forest.laz", "-o", "out", "--surface", "dtm")
-    assert (done.returncode, done.stderr.split(":")[0]) == (4, "E_NO_GROUND")
-    assert not (volatool.folder / "out").exists() or not names(volatool.folder / "out")
+@pytest.mark.parametrize("surface", ["auto", "dtm"])
+def test_a_dtm_without_a_ground_class_is_made_by_the_ground_filter(surface, volatool):
+    done = volatool("dem", "forest.laz", "-o", "out", "--surface", surface, "--json")
+    assert done.returncode == 0, done.stderr
+    assert "points that the ground filter kept" in done.stderr
+    dem = json.loads(done.stdout)["dem"]
+    assert (dem["surface"], dem["ground_source"]) == ("dtm", "ground filter")

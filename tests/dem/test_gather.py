@@ -10,7 +10,9 @@ from making_dems import chunk, gather, ground, hills
 
 from volatool.dem.cell import choose_cell, mean_spacing
 from volatool.dem.gather import SurfaceGatherer
+from volatool.emap.ground import GroundFilter
 from volatool.errors import InputError, OptionError
+from volatool.model import CrsInfo
 from volatool.scratch import Scratch
 
 X, Y, Z = np.arange(6.0), np.zeros(6), np.arange(6.0) * 2
@@ -32,21 +34,45 @@ def test_auto_takes_ground_once_it_is_seen():
     assert points.warnings == ()
 
 
-def test_auto_without_ground_is_honest():
-    """No ground class: the lowest point per cell, called min, with a warning."""
-    points = gather(chunk(X, Y, Z, classification=1))
-    assert (points.name, points.ground_source) == ("min", "lowest point per cell")
-    assert [warning.code for warning in points.warnings] == ["W_NO_GROUND_CLASS"]
-    assert len(points) == 6
-    assert gather(chunk(X, Y, Z), dimensions=()).name == "min"
+@pytest.mark.parametrize("surface", ["auto", "dtm"])
+def test_without_a_ground_class_the_ground_filter_chooses(surface):
+    """Hills under a roof: the roof's points go, and the warning says what was done."""
+    x, y, z = hills(8000)
+    roof = (x > 20) & (x < 35) & (y > 20) & (y < 40)
+    z[roof] = 115.0
+    points = gather(chunk(x, y, z, classification=1), surface=surface)
+    assert (points.name, points.ground_source) == ("dtm", "ground filter")
+    assert sorted(heights(points)) == sorted(z[~roof])
+    assert points.z_range[1] < 11500
+    assert points.extent == gather(chunk(x, y, z), surface="min").extent
+    (warning,) = points.warnings
+    assert warning.code == "W_NO_GROUND_CLASS"
+    assert f"the {np.count_nonzero(~roof)} of 8000 points that the ground filter kept" in (
+        warning.message
+    )
+    assert len(gather(chunk(x, y, z), dimensions=(), surface=surface)) == len(points)
 
 
-def test_dtm_without_ground_is_an_error():
-    """--surface dtm never falls back."""
-    with pytest.raises(InputError, match="--surface min") as error:
-        gather(chunk(X, Y, Z, classification=1), surface="dtm")
-    assert error.value.code == "E_NO_GROUND"
-    assert len(gather(surface="dtm")) == 0  # no points at all is not about ground
+def test_the_ground_filter_works_in_metres():
+    """In feet the same points are kept."""
+    foot = Fraction("0.3048")
+    crs = CrsInfo(metres_per_unit_xy=foot, metres_per_unit_z=foot)
+    x, y, z = hills(8000)
+    x, y, z = x / 0.3048, y / 0.3048, z / 0.3048
+    gatherer = SurfaceGatherer("auto", Scratch(), ())
+    gatherer.add(chunk(x, y, z))
+    assert len(gatherer.result(crs)) > 7990
+
+
+def test_no_ground_at_all_is_an_error(monkeypatch):
+    """When the filter keeps nothing, --surface min is what is left."""
+    monkeypatch.setattr(GroundFilter, "keeps", lambda self, rows: np.zeros(len(rows), bool))
+    for surface in ("auto", "dtm"):
+        with pytest.raises(InputError, match="--surface min") as error:
+            gather(chunk(X, Y, Z, classification=1), surface=surface)
+        assert error.value.code == "E_NO_GROUND"
+        assert len(gather(surface=surface)) == 0  # no points at all is not about ground
+        assert gather(surface=surface).warnings == ()
 
 
 def test_dsm_takes_first_returns():

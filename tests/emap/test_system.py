@@ -127,3 +127,17 @@ def test_springs_follow_the_rule():
         Springs(-1.0, 0.0)
     with pytest.raises(OptionError, match="greater than zero"):
         Springs.emap(1.0, 1.0, ell=0.0)
+
+
+def test_weights_of_their_own_are_factors_of_the_springs_weight():
+    """A point of weight 3 is three points; weight 0 is none; windows see the same point's."""
+    shape = (12, 17)
+    col, row, heights = scatter(shape, 40)
+    weights = np.random.default_rng(5).integers(0, 4, 40)
+    springs = Springs(1.0, 1.0, 2.0)
+    weighted, repeated = Evidence(*shape), Evidence(*shape)
+    for window in ((0, 5), (5, 12)):
+        weighted.add(col, row, heights, springs, window, weights=weights.astype(float))
+    repeated.add(*(np.repeat(values, weights) for values in (col, row, heights)), springs)
+    np.testing.assert_allclose(weighted.data, repeated.data, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(weighted.right, repeated.right, rtol=1e-12, atol=1e-12)

@@ -8,6 +8,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from volatool.batch.plan import refuse_collisions
+from volatool.classification import classify_tile, refuse_inputs
 from volatool.errors import OptionError, OutputError, ResourceError, VolatoolError
 from volatool.model import Progress
 from volatool.options import ConvertOptions
@@ -40,7 +41,7 @@ def run_inputs(
     options : ConvertOptions
         For all of them.
     kind : str
-        ``"convert"``, ``"dem"`` or ``"stats"``.
+        ``"convert"``, ``"dem"``, ``"stats"`` or ``"classify"``.
     outdir : pathlib.Path or None
         Folder for the outputs; beside each input by default.
     overwrite : bool
@@ -64,6 +65,8 @@ def run_inputs(
     """
     if kind != "stats":
         refuse_collisions(paths, outdir)
+        if kind == "classify":
+            refuse_inputs(list(paths), options, outdir)
         refuse_existing(
             [target for path in paths for target in planned_outputs(path, options, kind, outdir)],
             overwrite,
@@ -71,14 +74,7 @@ def run_inputs(
     for path in paths:
         try:
             with progress(path) as report_progress:
-                yield convert_tile(
-                    path,
-                    options,
-                    kind=kind,
-                    outdir=outdir,
-                    overwrite=overwrite,
-                    progress=report_progress,
-                )
+                yield _work(path, options, kind, outdir, overwrite, report_progress)
             continue
         except VolatoolError as error:
             # of a single input only its own faults become a report: the rest is the caller's
@@ -93,6 +89,21 @@ def run_inputs(
         yield failed_report(path, failure, options)
         if fail_fast:
             return
+
+
+def _work(
+    path: Path,
+    options: ConvertOptions,
+    kind: str,
+    outdir: Path | None,
+    overwrite: bool,
+    progress: Progress,
+) -> Report:
+    if kind == "classify":
+        return classify_tile(path, options, outdir=outdir, overwrite=overwrite, progress=progress)
+    return convert_tile(
+        path, options, kind=kind, outdir=outdir, overwrite=overwrite, progress=progress
+    )
 
 
 def failed_report(path: Path, error: VolatoolError, options: ConvertOptions) -> Report:

@@ -1,17 +1,21 @@
-"""Points for a surface, taken from the stream as it passes: ground, first returns, or all."""
+"""Points for a surface, taken from the stream as it passes: ground, first returns, or all.
+
+Without a ground class, ground is what the ground filter keeps of all points.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.emap.ground import GroundFilter
 from volatool.errors import CodedWarning, InputError, OptionError
-from volatool.model import PointChunk, as_fraction
+from volatool.model import CrsInfo, PointChunk, as_fraction
 from volatool.scratch import Scratch, Spool
 
 SURFACES = ("auto", "dtm", "dsm", "min", "max")
@@ -33,8 +37,8 @@ class SurfacePoints:
     name : str
         ``"dtm"``, ``"dsm"``, ``"min"`` or ``"max"``.
     ground_source : str
-        ``"class 2"``, ``"first returns"``, ``"lowest point per cell"``, ``"highest point per
-        cell"``.
+        ``"class 2"``, ``"ground filter"``, ``"first returns"``, ``"lowest point per cell"``,
+        ``"highest point per cell"``.
     spool : Spool
         Rows of int32 x, y, z in file order.
     scale, offset : tuple of 3 float
@@ -94,9 +98,8 @@ class SurfaceGatherer:
     Parameters
     ----------
     surface : str
-        ``auto`` (ground-class points when there are any, else the lowest point per cell),
-        ``dtm`` (ground-class points), ``dsm`` (first returns), ``min``, ``max`` (lowest, highest
-        point per cell).
+        ``auto`` and ``dtm`` (ground-class points when there are any, else those that the ground
+        filter keeps), ``dsm`` (first returns), ``min``, ``max`` (lowest, highest point per cell).
     scratch : Scratch
         Where points wait.
     dimensions : iterable of str
@@ -110,7 +113,7 @@ class SurfaceGatherer:
         self.scratch = scratch
         self.dimensions = frozenset(dimensions)
         self.spool = Spool(scratch, ROW, SHARE)
-        self._has_ground = surface == "dtm"
+        self._has_ground = False
         self._scaling: tuple[Any, Any] | None = None
         self._extent: tuple[int, int, int, int] | None = None
         self._z_range: tuple[int, int] | None = None
@@ -174,39 +177,30 @@ class SurfaceGatherer:
         self._z_range = (min(old[0], low), max(old[1], high))
         self.spool.append(rows)
 
-    def result(self) -> SurfacePoints:
+    def result(self, crs: CrsInfo | None = None) -> SurfacePoints:
         """
         Return the points, with the honest name of the surface they make.
+
+        Parameters
+        ----------
+        crs : CrsInfo, optional
+            Units, for the ground filter; metres by default.
 
         Raises
         ------
         InputError
-            ``E_NO_GROUND``: ``dtm`` was asked for and no point has the ground class.
+            ``E_NO_GROUND``: no point has the ground class and the ground filter keeps none.
         """
-        if self.surface == "dtm" and self._extent is not None and not len(self.spool):
-            raise InputError(
-                "--surface dtm needs points of class 2 (ground) and there are none; "
-                "use --surface min for the lowest point per cell",
-                "E_NO_GROUND",
-            )
-        warnings: tuple[CodedWarning, ...] = ()
-        name = self.surface
-        if name == "auto":
-            name = "dtm" if self._has_ground else "min"
-            if not self._has_ground and self._extent is not None:
-                message = (
-                    "no point has the ground class (2): the DEM is made from the lowest point "
-                    "per cell and is no bare-earth model"
-                )
-                warnings = (CodedWarning("W_NO_GROUND_CLASS", message),)
+        is_bare = self.surface in ("auto", "dtm")
         sources = {
             "dtm": "class 2",
             "dsm": "first returns",
             "min": "lowest point per cell",
             "max": "highest point per cell",
         }
+        name = "dtm" if is_bare else self.surface
         scale, offset = self._scaling or ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
-        return SurfacePoints(
+        points = SurfacePoints(
             name,
             sources[name],
             self.spool,
@@ -214,5 +208,41 @@ class SurfaceGatherer:
             offset,
             self._extent,
             self._z_range or (0, 0),
-            warnings,
         )
+        if is_bare and not self._has_ground and len(points):
+            return _bare_earth(points, crs or CrsInfo(), self.scratch)
+        return points
+
+
+def _bare_earth(points: SurfacePoints, crs: CrsInfo, scratch: Scratch) -> SurfacePoints:
+    """Return the points that the ground filter keeps; the others are dropped."""
+    ground = GroundFilter(points, crs.metres_per_unit_xy, crs.metres_per_unit_z, scratch)
+    spool = Spool(scratch, ROW, SHARE)
+    z_range: tuple[int, int] | None = None
+    for rows in points.pieces():
+        kept = rows[ground.keeps(rows)]
+        if len(kept):
+            low, high = int(kept[:, 2].min()), int(kept[:, 2].max())
+            old = z_range or (low, high)
+            z_range = (min(old[0], low), max(old[1], high))
+            spool.append(kept)
+    ground.free()
+    n_points = len(points)
+    points.close()
+    if z_range is None:
+        raise InputError(
+            "no point has the ground class (2) and the ground filter keeps none; "
+            "use --surface min for the lowest point per cell",
+            "E_NO_GROUND",
+        )
+    message = (
+        f"no point has the ground class (2): the DEM is made from the {len(spool)} of {n_points} "
+        "points that the ground filter kept"
+    )
+    return replace(
+        points,
+        ground_source="ground filter",
+        spool=spool,
+        z_range=z_range,
+        warnings=(CodedWarning("W_NO_GROUND_CLASS", message),),
+    )

@@ -160,6 +160,7 @@ class Evidence:
         heights: F64,
         springs: Springs,
         window: tuple[int, int] | None = None,
+        weights: F64 | None = None,
     ) -> None:
         """
         Add points, in order.
@@ -174,17 +175,21 @@ class Evidence:
             Gives the weight and the attachment.
         window : tuple of 2 int, optional
             Only rows in it are touched.
+        weights : (n,) array of float64, optional
+            Factor of each point's own on the springs' weight.
         """
         from volatool.kernels import spring
 
         first, last = window or (0, self.shape[0])
+        # one entry stands for all points
+        stiffness = np.full(1, springs.weight) if weights is None else weights * springs.weight
         spring.accumulate(
             self.data,
             self.right,
             col,
             row,
             heights,
-            float(springs.weight),
+            stiffness,
             springs.is_nearest,
             first,
             last,

@@ -19,7 +19,7 @@ from volatool.kernels._jit import kernel
 
 
 @kernel
-def accumulate(data, right, col, row, height, weight, nearest, first, last):
+def accumulate(data, right, col, row, height, weights, nearest, first, last):
     """
     Add the data springs of points to a grid's evidence, in the order of the points.
 
@@ -34,8 +34,8 @@ def accumulate(data, right, col, row, height, weight, nearest, first, last):
         Points outside the grid are ignored; within half a cell of its rim they pull on the rim.
     height : (n,) array of float64
         Height of each point, in the unit of the surface.
-    weight : float
-        Stiffness of each point's spring.
+    weights : (n,) or (1,) array of float64
+        Stiffness of each point's spring, or one for all of them.
     nearest : bool
         Attach to the nearest node alone instead of bilinearly to four.
     first, last : int
@@ -47,11 +47,13 @@ def accumulate(data, right, col, row, height, weight, nearest, first, last):
     windows: sums don't depend on the chunk size.
     """
     h, w = right.shape
+    last_weight = weights.size - 1
     for i in range(col.size):
         x = col[i]
         y = row[i]
         if not (x >= 0.0 and x <= w and y >= 0.0 and y <= h):
             continue
+        weight = weights[min(i, last_weight)]
         if nearest:
             r = min(np.int64(y), h - 1)
             q = min(np.int64(x), w - 1)

@@ -1,4 +1,4 @@
-"""Calls into lazrs; the only importer of it. Its errors and panics become `DecodeError`."""
+"""Decoding by lazrs. Its errors and panics become `DecodeError`. `laz_encode` encodes."""
 
 from __future__ import annotations
 
@@ -33,6 +33,10 @@ _FIELD_OF = {
     "green": lazrs.SELECTIVE_DECOMPRESS_RGB,
     "blue": lazrs.SELECTIVE_DECOMPRESS_RGB,
 }
+
+
+EVERYTHING = int(lazrs.SELECTIVE_DECOMPRESS_ALL)
+"""Selection of whole records."""
 
 
 class DecodeError(Exception):

@@ -25,7 +25,7 @@ from volatool.points.crs_file import crs_of
 from volatool.points.header import LasHeader, read_header
 from volatool.points.layout import record_dtype, take_attributes
 from volatool.points.laz import LazPoints
-from volatool.points.laz_decode import backend_name, selection_of
+from volatool.points.laz_decode import EVERYTHING, backend_name, selection_of
 from volatool.points.select import Selection
 
 CHUNK_POINTS = 250_000
@@ -106,6 +106,14 @@ class PointSource:
     ) -> None:
         self.close()
 
+    def raw(self, start: int, n_bytes: int) -> bytes:
+        """Return bytes of the file, fewer at its end."""
+        try:
+            self._stream.seek(start)
+            return self._stream.read(n_bytes)
+        except OSError as error:
+            raise InputError(f"{self.name}: can't be read: {error}") from error
+
     def close(self) -> None:
         """Close the file; chunks can't be read any more."""
         self._stream.close()
@@ -138,11 +146,38 @@ class PointSource:
         chunk_points = min(chunk_points, MAX_CHUNK_POINTS)
         names = frozenset(attributes) & self.header.dimensions
         dtype = record_dtype(self.header.point_format, self.header.record_bytes)
+        for start, raw in self._told(selection_of(names), chunk_points):
+            yield from self._cut(start, raw.reshape(-1).view(dtype), names, chunk_points)
+
+    def records(self, chunk_points: int = CHUNK_POINTS) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+        """
+        Stream the whole records, decompressed, as bytes in file order.
+
+        Parameters
+        ----------
+        chunk_points : int
+            About as many points at a time.
+
+        Yields
+        ------
+        start, records : int, (n, record_bytes) array of uint8
+            Number of the first point; the records, which may be changed until the next are asked
+            for.
+
+        Raises
+        ------
+        TruncatedError, FormatError
+            With the number of the first point that can't be read, unless salvaging.
+        """
+        for start, raw in self._told(EVERYTHING, min(chunk_points, MAX_CHUNK_POINTS)):
+            records = raw if raw.flags.writeable else raw.copy()
+            yield start, records.reshape(-1, self.header.record_bytes)
+
+    def _told(self, selection: int, chunk_points: int) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+        """Yield batches of records; errors get the file's name, losses a warning."""
         losses: list[tuple[int, int]] = []
         try:
-            for start, raw in self._batches(names, chunk_points, losses):
-                records = raw.reshape(-1).view(dtype)
-                yield from self._cut(start, records, names, chunk_points)
+            yield from self._batches(selection, chunk_points, losses)
         except VolatoolError as error:
             _retell(error, self.name)
             raise
@@ -152,11 +187,11 @@ class PointSource:
             self._note_loss(sum(n for _, n in losses), f"from point {losses[0][0]} on")
 
     def _batches(
-        self, names: frozenset[str], chunk_points: int, losses: list[tuple[int, int]]
+        self, selection: int, chunk_points: int, losses: list[tuple[int, int]]
     ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         if self._laz is not None:
             kept = losses if self._salvage else None
-            yield from self._laz.batches(selection_of(names), chunk_points, kept)
+            yield from self._laz.batches(selection, chunk_points, kept)
             return
         record = self.header.record_bytes
         for start in range(0, self.n_points, chunk_points):
