@@ -15,6 +15,7 @@ import volatool as vt
 from volatool.errors import InputError, OutputExistsError, VolatoolError
 from volatool.points.reader import open_points
 from volatool.report import Report, schema
+from volatool.resources import rss_bytes
 
 SHARED = Path(os.environ.get("VOLATOOL_SHARED", "unset"))
 TILES = sorted(
@@ -97,7 +98,7 @@ def test_bytes_do_not_depend_on_chunks_or_memory(tmp_path):
         for name, options in (
             ("whole", {}),
             ("chunks", {"chunk_points": 777}),
-            ("small", {"memory": "256M", "chunk_points": 5000}),
+            ("small", {"memory": rss_bytes() + (60 << 20), "chunk_points": 5000}),
         )
     ]
     assert made[0] == made[1] == made[2]

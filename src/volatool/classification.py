@@ -87,6 +87,7 @@ def classify_tile(
         scan = tile.read()
         with output_stream(outputs.add(target)) as stream:
             tile.write(stream)
+        scan.n_passes += 1
         report = Report(
             status="partial" if source.is_partial else "ok" if scan.census.n_used else "empty",
             input=input_document(path, source, scan),

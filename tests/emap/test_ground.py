@@ -65,6 +65,16 @@ def test_a_smooth_hill_is_ground():
     assert kept(x, y, z).mean() > 0.995
 
 
+@pytest.mark.parametrize("height", [4.0, 20.0])
+def test_a_roof_of_30_m_a_side_goes(height):
+    """Larger ones stay in part, as the documentation says."""
+    x, y = scatter()
+    z = 50 + noise(x)
+    roof = (abs(x - 60) < 15) & (abs(y - 60) < 15)
+    z[roof] += height
+    assert np.array_equal(kept(x, y, z), ~roof)
+
+
 @pytest.mark.parametrize("slope", [0.0, 0.25])
 def test_buildings_are_no_ground(slope):
     """Roofs up to 30 m wide go, the ground stays, on the level and on a slope."""
@@ -172,6 +182,9 @@ def test_sparse_points_do_not_make_huge_grids():
     ground = GroundFilter(points_of(x, y, x * 0))
     assert ground.cell_m == 16
     assert ground.limits is None
+    far = np.array([0.0, 2e7]), np.array([0.0, 2e7]), np.array([0.0, 100.0])
+    assert GroundFilter(points_of(*far)).cell_m > 16
+    assert kept(*far).all()
 
 
 def test_without_points_there_is_nothing_to_filter():

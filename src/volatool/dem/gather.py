@@ -239,6 +239,8 @@ def _bare_earth(points: SurfacePoints, crs: CrsInfo, scratch: Scratch) -> Surfac
         f"no point has the ground class (2): the DEM is made from the {len(spool)} of {n_points} "
         "points that the ground filter kept"
     )
+    if ground.cell_m > 1:
+        message += f"; its finest cells are {ground.cell_m:g} m, as the points are sparse"
     return replace(
         points,
         ground_source="ground filter",

@@ -37,7 +37,10 @@ TAU_M, TAU_PER_SLOPE = 0.3, 0.8
 
 BELOW_M, BELOW_PER_SLOPE = 1.0, 1.0
 ABOVE_M, ABOVE_PER_SLOPE = 0.4, 0.8
-"""Ground is from ``-(1 + slope)`` to ``0.4 + 0.8 slope`` metres of the last sheet, exclusive."""
+"""Ground is from ``-(1 + slope)`` to ``0.4 + 0.8 slope`` metres of the last sheet, exclusive.
+
+That is for its cells of 1 m; where sparse points leave larger cells, the slope counts so much more.
+"""
 
 LOW_CELL_M = 2
 LOW_DROP_M = 3.0
@@ -53,6 +56,9 @@ through a canopy for outliers.
 
 CELLS_PER_POINT = 64
 """Cells finer than points 8 cells apart tell nothing more and are left out."""
+
+MAX_SPARSE_CELLS = 1 << 20
+"""Of few points that spread over more coarse cells than this, the coarse cells are larger."""
 
 ROW = np.dtype((np.int32, (3,)))
 
@@ -150,9 +156,11 @@ class GroundFilter:
         self.zero = sum(points.z_range) // 2
         self._box = points.box
         self._n_points = len(points)
-        self.low_grid = grid_for(self._box, LOW_CELL_M / self.unit)
-        self.limits = self._low_limits(points)
-        cells_m = [cell for cell in CELLS_M if cell == CELLS_M[0] or self._is_useful(cell)]
+        self.limits: I64 | None = None
+        if self._n_cells(LOW_CELL_M) <= CELLS_PER_POINT * self._n_points:
+            self.low_grid = grid_for(self._box, LOW_CELL_M / self.unit)
+            self.limits = self._low_limits(points)
+        cells_m = self._cells_m()
         spools = self._lowest(points, cells_m)
         before: Grid | None = None
         for number, (cell_m, spool) in enumerate(zip(cells_m, spools, strict=True)):
@@ -183,6 +191,7 @@ class GroundFilter:
         fit, slope = np.empty(len(rows)), np.zeros(len(rows))
         self._read(rows, fit, slope)
         rise = self._heights(rows) - fit
+        slope *= self.cell_m
         ground: Bool = rise < ABOVE_M + ABOVE_PER_SLOPE * slope
         ground &= rise > -(BELOW_M + BELOW_PER_SLOPE * slope)
         self._drop_low(rows, ground)
@@ -199,11 +208,18 @@ class GroundFilter:
     def _grid(self, cell_m: int) -> Grid:
         return grid_for(self._box, cell_m / self.unit)
 
-    def _is_useful(self, cell_m: int) -> bool:
-        """Whether a grid of this cell is not much finer than the points."""
+    def _n_cells(self, cell_m: int) -> Fraction:
         left, bottom, right, top = self._box
-        n_cells = (right - left) * (top - bottom) * self.unit**2 / cell_m**2
-        return n_cells <= CELLS_PER_POINT * self._n_points
+        return (right - left) * (top - bottom) * self.unit**2 / cell_m**2
+
+    def _cells_m(self) -> list[int]:
+        """Return the cells, coarse to fine, that are not much finer than the points."""
+        most = CELLS_PER_POINT * self._n_points
+        coarsest = CELLS_M[0]
+        while self._n_cells(coarsest) > max(most, MAX_SPARSE_CELLS):
+            coarsest *= 2
+        finer = [cell for cell in CELLS_M[1:] if self._n_cells(cell) <= most]
+        return [coarsest, *finer]
 
     def _windows(self, height: int, width: int) -> list[tuple[int, int]]:
         """Row windows to pass points in any order for: one, unless arrays are in files."""
@@ -227,8 +243,6 @@ class GroundFilter:
         """Return the limits of the low guard; None without any."""
         from volatool.kernels import ground
 
-        if not self._is_useful(LOW_CELL_M):
-            return None
         scratch, shape = self.scratch, (self.low_grid.height, self.low_grid.width)
         best = scratch.zeros((*shape, 3), np.int32)
         counts = scratch.zeros(shape, np.uint32)
