@@ -92,6 +92,11 @@ def main() -> NoReturn:
     except BrokenPipeError:
         _close_stdout()
         status = ExitCode.STDOUT_CLOSED
+    except MemoryError:
+        click.echo(
+            "E_MEMORY: the machine has no memory left; lower --memory or close others", err=True
+        )
+        status = ExitCode.LIMIT
     except Exception as error:  # a bug: one line for the user, the traceback in the log
         logger.info("internal error", exc_info=True)
         click.echo(f"E_INTERNAL: {type(error).__name__}: {error} (-v shows where)", err=True)

@@ -75,7 +75,7 @@ def _expanded(
             yield from (Path(name) for name in stdin if name)
         elif argument.startswith("@"):
             yield from _listed(Path(argument[1:]))
-        elif Path(argument).is_dir():
+        elif _is_dir(argument):
             yield from _some(
                 argument,
                 sorted(
@@ -85,13 +85,27 @@ def _expanded(
                 ),
                 f"has no file that ends in {', '.join(suffixes)}",
             )
-        elif glob.has_magic(argument) and not Path(argument).exists():
+        elif glob.has_magic(argument) and not _exists(argument):
             matches = glob.glob(argument, recursive=True)  # noqa: PTH207 (absolute patterns too)
             yield from _some(
                 argument, [Path(match) for match in sorted(matches)], "matches nothing"
             )
         else:
             yield Path(argument)
+
+
+def _is_dir(name: str) -> bool:
+    try:
+        return Path(name).is_dir()
+    except (OSError, ValueError):  # too long, or with a NUL: reading it says so
+        return False
+
+
+def _exists(name: str) -> bool:
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _some(argument: str, paths: list[Path], otherwise: str) -> list[Path]:
@@ -120,11 +134,12 @@ def refuse_collisions(inputs: Sequence[Path], outdir: Path | None) -> None:
     """
     seen: dict[Path, Path] = {}
     for path in inputs:
-        target = (path.parent if outdir is None else outdir) / stem(path)
+        folder = path.parent if outdir is None else outdir
+        target = folder.resolve() / stem(path)
         first = seen.setdefault(target, path)
         if first is not path:
             raise OutputExistsError(
-                f"{first} and {path} would both write {target}.*; "
+                f"{first} and {path} would both write {folder / stem(path)}.*; "
                 "rename one, or convert them into different folders",
                 "E_NAME_COLLISION",
             )

@@ -69,6 +69,8 @@ class Springs:
         values = (self.kb, self.km, self.weight)
         if not all(np.isfinite(values)) or min(values) < 0 or self.weight <= 0:
             raise OptionError(f"spring stiffness must be finite and not negative, got {self}")
+        if not self.kb + self.km > 0:  # cells without a point would hang on nothing
+            raise OptionError("--k-surface must be greater than 0, and not vanishingly small")
 
     @classmethod
     def emap(
