@@ -72,7 +72,10 @@ def _expanded(
 ) -> Iterator[Path]:
     for argument in arguments:
         if argument == "-":
-            yield from (Path(name) for name in stdin if name)
+            for name in stdin:
+                if "\0" in name:
+                    raise OptionError("names on stdin hold NUL bytes; give -0 if they end names")
+                yield Path(name)
         elif argument.startswith("@"):
             yield from _listed(Path(argument[1:]))
         elif _is_dir(argument):

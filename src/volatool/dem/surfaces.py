@@ -204,11 +204,6 @@ def make_dem(
     evidence = _evidence(used, outer, springs, dem)
     tol = tol_m / float(crs.metres_per_unit_z or 1)
     z, info = solve(evidence, springs, tol=tol, consume=True, progress=progress)
-    if not math.isfinite(info.residual):
-        raise OptionError(
-            f"the surface can't be solved with k_surface {k_surface} and k_point {k_point}: "
-            "their ratio is out of all proportion; leave them out"
-        )
     rms = math.sqrt(_residuals(used, outer, springs, z, scratch) / len(used))
     if used is not points:
         used.close()
