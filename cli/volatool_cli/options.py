@@ -193,14 +193,15 @@ no_resources = click.option(
     "--no-resources", is_flag=True, help="Leave time and memory out of the report."
 )
 
-talking = group(
-    click.option(
-        "--progress",
-        type=click.Choice(["auto", "bar", "json", "none"]),
-        default="auto",
-        show_default="bar on a terminal",
-        help="Progress on stderr.",
-    ),
+progress = click.option(
+    "--progress",
+    type=click.Choice(["auto", "bar", "json", "none"]),
+    default="auto",
+    show_default="bar on a terminal",
+    help="Progress on stderr.",
+)
+
+messages = group(
     click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr."),
     click.option("-v", "--verbose", count=True, help="More on stderr; twice for debugging."),
     click.option(

@@ -10,8 +10,9 @@ from typing import Any
 
 import click
 
-from volatool.batch.plan import POINT_SUFFIXES, VOLUME_SUFFIXES, expand
+from volatool.batch.plan import expand
 from volatool.errors import VolatoolError
+from volatool.naming import POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode

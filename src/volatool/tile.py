@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volatool import resources
-from volatool.batch.plan import VOLUME_SUFFIXES, stem
 from volatool.census import box_corners
 from volatool.cube import Cube
 from volatool.elevation import make_elevation
 from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, CRSError
 from volatool.model import Bounds, Progress, no_progress
+from volatool.naming import VOLUME_SUFFIXES, stem
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
 from volatool.report import Report

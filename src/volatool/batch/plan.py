@@ -7,30 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from volatool.errors import InputNotFoundError, OptionError, OutputExistsError
-
-POINT_SUFFIXES = (".las", ".laz")
-"""What a folder is searched for; COPC files end in ``.copc.laz``."""
-
-VOLUME_SUFFIXES = (".vol.gz", ".dvol.gz", ".vol", ".dvol")
-"""What counts as a VOLA file where points and volumes are both taken."""
-
-_STEM_SUFFIXES = (".copc.laz", *POINT_SUFFIXES, *VOLUME_SUFFIXES)
-
-
-def stem(path: Path) -> str:
-    """
-    Return the name that outputs of an input begin with.
-
-    Examples
-    --------
-    >>> stem(Path("a/tile.1.copc.laz"))
-    'tile.1'
-    """
-    name = path.name
-    for suffix in _STEM_SUFFIXES:
-        if name.lower().endswith(suffix) and len(name) > len(suffix):
-            return name[: -len(suffix)]
-    return name
+from volatool.naming import POINT_SUFFIXES, stem
 
 
 def expand(
