@@ -26,6 +26,14 @@ from volatool.units import Length
         ({"cell": "-1m"}, "not a length"),
         ({"memory": "lots"}, "not a size"),
         ({"chunk_points": 0}, "chunk_points"),
+        ({"classes": 2}, "sequence of class codes"),
+        ({"bounds": (1, 0, 0, 1)}, "left, bottom, right, top"),
+        ({"crs": 25832}, "EPSG:25832"),
+        ({"depth": "auto"}, "whole number"),
+        ({"thin": 0}, "thin"),
+        ({"k_surface": 0}, "--k-surface"),
+        ({"k_point": float("nan")}, "--k-point"),
+        ({"compat": "toolkit", "depth": 3, "classes": (2,)}, "--class"),
     ],
 )
 def test_what_does_not_go_together_is_refused(options, message):

@@ -278,6 +278,81 @@ def test_heights_in_feet_over_metres_are_scaled_for_the_cube_and_kept_in_the_dem
     assert volume.contains(xyz[::97] / 100).all()
 
 
+def test_robust_z_drops_no_good_point_when_the_header_is_a_little_wrong(tmp_path):
+    xyz = np.vstack([hills(5000), [[100, 100, 400_000]]])
+    path = write_las(tmp_path / "t.las", xyz, crs=25832)
+    break_header_box(path, min_z=xyz[:, 2].min() / 100 + 0.05, max_z=100.0)
+    report = converted(path, tmp_path / "out", robust_z=True, dem=False)
+    assert report.input["dropped"] == {"z_outlier": 1}
+    assert report.cube["side"] == pytest.approx(49.99, abs=0.02)
+
+
+def test_statistics_of_a_wrong_header_are_those_of_a_right_one(tmp_path):
+    xyz = np.vstack([hills(5000), [[100, 100, 400_000]]])
+    one = write_las(tmp_path / "one.las", xyz, crs=25832)
+    two = write_las(tmp_path / "two.las", xyz, crs=25832)
+    break_header_box(two, max_x=5e5, max_z=30.0)
+    right, wrong = vt.stats([one, two])
+    assert right.input["density"] == wrong.input["density"]
+    assert "W_Z_OUTLIER" in codes(right)
+    assert {"W_Z_OUTLIER", "W_HEADER_BBOX"} <= set(codes(wrong))
+
+
+def test_overwriting_leaves_no_output_that_contradicts_the_new_ones(tmp_path):
+    path = write_las(tmp_path / "t.las", hills(3000), crs=25832)
+    converted(path, tmp_path / "out", depth=3, dem=False)
+    assert (tmp_path / "out" / "t.dvol.gz").exists()
+    converted(path, tmp_path / "out", depth=6, dem=False, overwrite=True)
+    assert not (tmp_path / "out" / "t.dvol.gz").exists()
+
+
+def test_each_cube_of_a_split_has_its_own_place(tmp_path):
+    path = write_las(
+        tmp_path / "t.las",
+        hills(3000) * np.array([400, 400, 1]) + np.array([5e7, 5.5e8, 0]),
+        crs=25832,
+    )
+    report = converted(path, tmp_path / "out", split="5km", depth=3, dem=False)
+    places = {
+        (volume.info.lat, volume.info.lon)
+        for volume in map(vt.open, (tmp_path / "out").glob("*.vol.gz"))
+    }
+    assert len(places) == report.cube["cubes"] > 10
+
+
+@pytest.mark.parametrize("side", ["1cm", "1e20m"])
+def test_a_split_into_too_many_cubes_is_refused(side, tmp_path):
+    path = write_las(tmp_path / "t.las", hills(3000), crs=25832)
+    if side == "1cm":
+        with pytest.raises(vt.VolatoolError, match="more than 2048 cubes"):
+            vt.convert(path, tmp_path / "out", split=side, dem=False)
+    else:  # one cube for all, on integers that don't fit 64 bits
+        assert converted(path, tmp_path / "out", split=side, dem=False).cube["cubes"] == 1
+
+
+@pytest.mark.parametrize("k_surface", [1e-320, 1e-11, 1e300])
+def test_a_stiffness_out_of_all_proportion_is_refused(k_surface, tmp_path):
+    path = write_las(tmp_path / "t.las", hills(300), crs=25832)
+    with pytest.raises(vt.VolatoolError, match="out of all proportion"):
+        vt.convert(path, tmp_path / "out", k_surface=k_surface, cell=1)
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+@pytest.mark.parametrize("k_surface", [1e-7, 1e-3, 1e6])
+def test_a_solver_that_gives_up_is_told(k_surface, tmp_path):
+    path = write_las(tmp_path / "t.las", hills(300), crs=25832)
+    report = vt.convert(path, tmp_path / "out", k_surface=k_surface, cell=1)
+    assert report.dem["solver"]["converged"] == ("W_NOT_CONVERGED" not in codes(report))
+    assert np.isfinite([report.dem["z_min"], report.dem["z_max"]]).all()
+
+
+def test_degrees_are_refused_as_a_target_too(tmp_path):
+    path = write_las(tmp_path / "t.las", hills(300) + np.array([5e7, 5.5e8, 0]), crs=25832)
+    with pytest.raises(vt.VolatoolError, match="projected") as caught:
+        vt.convert(path, tmp_path / "out", to_crs="EPSG:4326")
+    assert caught.value.code == "E_GEOGRAPHIC"
+
+
 def test_an_explicit_cube_holds_the_points_or_is_refused(tmp_path):
     path = write_las(tmp_path / "t.las", hills(3000) + np.array([10_000, 20_000, 0]), crs=25832)
     report = converted(path, tmp_path / "a", cube="64m", dem=False)

@@ -52,11 +52,13 @@ class VolatoolGroup(click.Group):
 
 @click.group(
     cls=VolatoolGroup,
+    invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Documentation and error codes: docs/ in the source repository.",
 )
 @click.version_option(__version__, prog_name="volatool")
-def cli() -> None:
+@click.pass_context
+def cli(ctx: click.Context) -> None:
     """Turn LAS, LAZ and COPC tiles into VOLA volumes, elevation models and statistics.
 
     \b
@@ -65,6 +67,9 @@ def cli() -> None:
       volatool stats tiles/*.laz --summary
       volatool validate tile.vol.gz
     """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help(), err=True)
+        ctx.exit(ExitCode.USAGE)
 
 
 for command in (convert, stats, info, dem, classify, validate, doctor):
@@ -88,6 +93,11 @@ def main() -> NoReturn:
     except BrokenPipeError:
         _close_stdout()
         status = ExitCode.STDOUT_CLOSED
+    except MemoryError:
+        click.echo(
+            "E_MEMORY: the machine has no memory left; lower --memory or close others", err=True
+        )
+        status = ExitCode.LIMIT
     except Exception as error:  # a bug: one line for the user, the traceback in the log
         logger.info("internal error", exc_info=True)
         click.echo(f"E_INTERNAL: {type(error).__name__}: {error} (-v shows where)", err=True)
@@ -101,9 +111,6 @@ def _close_stdout() -> None:
 
 
 def _show_usage(error: click.UsageError) -> None:
-    """Print a usage error as one coded line; without any argument, the help."""
-    if error.ctx is not None and len(sys.argv) <= 1:
-        click.echo(error.ctx.get_help(), err=True)
-        return
+    """Print a usage error as one coded line."""
     path = "volatool" if error.ctx is None else error.ctx.command_path
     click.echo(f"E_OPTION: {error.format_message()} ({path} --help)", err=True)

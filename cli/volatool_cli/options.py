@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import reduce
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
+from volatool.channels import CHANNELS
 from volatool_cli.params import (
     BoundsType,
     CodesType,
@@ -16,11 +17,6 @@ from volatool_cli.params import (
     SizeType,
     WordsType,
 )
-
-F = TypeVar("F", bound=Callable[..., Any])
-Decorator = Callable[[F], F]
-
-META_WORDS = ("rgb", "height", "returns", "intensity", "class")
 
 
 def group(*decorators: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -132,9 +128,9 @@ depth = group(
 
 metadata = click.option(
     "--meta",
-    type=WordsType(*META_WORDS),
+    type=WordsType(*CHANNELS),
     metavar="WORDS",
-    default=",".join(META_WORDS),
+    default=",".join(CHANNELS),
     show_default="all that the file has",
     help="Metadata per block: rgb,height,returns,intensity,class or none.",
 )
@@ -207,14 +203,15 @@ no_resources = click.option(
     "--no-resources", is_flag=True, help="Leave time and memory out of the report."
 )
 
-talking = group(
-    click.option(
-        "--progress",
-        type=click.Choice(["auto", "bar", "json", "none"]),
-        default="auto",
-        show_default="bar on a terminal",
-        help="Progress on stderr.",
-    ),
+progress = click.option(
+    "--progress",
+    type=click.Choice(["auto", "bar", "json", "none"]),
+    default="auto",
+    show_default="bar on a terminal",
+    help="Progress on stderr.",
+)
+
+messages = group(
     click.option("-q", "--quiet", is_flag=True, help="Only errors on stderr."),
     click.option("-v", "--verbose", count=True, help="More on stderr; twice for debugging."),
     click.option(

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
-from volatool.batch.plan import POINT_SUFFIXES, VOLUME_SUFFIXES, expand
+from volatool.batch.plan import expand
+from volatool.errors import VolatoolError
+from volatool.naming import POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
@@ -41,8 +44,10 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     paths = expand(names, _stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)
 
+    from volatool import resources
     from volatool.batch.run import run_inputs
 
+    resources.return_freed_memory()
     if dry_run:
         _dry_run(paths, options, kind, folder, overwrite)
         return
@@ -65,9 +70,22 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
             _print_result(report, as_json)
     if kind == "stats":
         _print_stats(reports, form, summary)
-    n_failed = sum(report.error is not None for report in reports)
-    if n_failed:
-        sys.exit(ExitCode.ALL_FAILED if n_failed == len(reports) else ExitCode.SOME_FAILED)
+    codes = [report.error["code"] for report in reports if report.error is not None]
+    if codes:
+        sys.exit(_status(codes, len(reports)))
+
+
+def _status(codes: Sequence[str], n_inputs: int) -> ExitCode:
+    """Return the status for the codes of the inputs that failed."""
+    if len(codes) < n_inputs:
+        return ExitCode.SOME_FAILED
+    common = {
+        "E_WRITE": ExitCode.NOT_WRITTEN,
+        "E_MEMORY": ExitCode.LIMIT,
+        "E_SIZE": ExitCode.LIMIT,
+    }
+    first, *others = set(codes)
+    return ExitCode.ALL_FAILED if others else common.get(first, ExitCode.ALL_FAILED)
 
 
 def convert_options(arguments: dict[str, Any]) -> ConvertOptions:
@@ -98,7 +116,7 @@ def _print_stats(reports: Sequence[Report], form: str, summary: bool) -> None:
     from volatool.tables import render
 
     good = [report for report in reports if report.error is None]
-    if summary and good:
+    if summary and any(report.levels for report in good):
         click.echo(render([summarize(good)], form))
     elif form in ("json", "jsonl") or good:
         click.echo(render(reports if form in ("json", "jsonl") else good, form))
@@ -122,9 +140,19 @@ def _dry_run(
         refuse_inputs(list(paths), options, outdir)
     targets = [target for path in paths for target in planned_outputs(path, options, kind, outdir)]
     refuse_existing(targets, overwrite)
+    codes = []
     for path in paths:
-        with open_source(path, options, allow_degrees=kind == "classify") as source:
-            crs = source.crs.horizontal or "no CRS"
-            click.echo(f"{path}: {source.n_points:,} points, {crs}", err=True)
-    for target in targets:
-        click.echo(str(target))
+        try:
+            unmoved = replace(options, to_crs=None)
+            with open_source(path, unmoved, allow_degrees=kind == "classify") as source:
+                crs = source.crs.horizontal or "no CRS"
+                click.echo(f"{path}: {source.n_points:,} points, {crs}", err=True)
+        except VolatoolError as error:
+            if not (options.to_crs and error.code == "E_GEOGRAPHIC"):
+                click.echo(f"{error.code}: {error}", err=True)
+                codes.append(error.code)
+                continue
+        for target in planned_outputs(path, options, kind, outdir):
+            click.echo(str(target))
+    if codes:
+        sys.exit(_status(codes, len(paths)))

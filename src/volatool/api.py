@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -155,7 +156,7 @@ class Statistics(list[Report]):
 
 def _options(options: dict[str, Any]) -> ConvertOptions:
     """Return checked options; an unknown name is an error that says so."""
-    try:
-        return ConvertOptions(**options)
-    except TypeError as error:
-        raise OptionError(f"unknown option: {error}") from error
+    unknown = set(options) - {field.name for field in fields(ConvertOptions)}
+    if unknown:
+        raise OptionError(f"unknown option: {', '.join(sorted(unknown))}")
+    return ConvertOptions(**options)

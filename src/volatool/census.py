@@ -15,6 +15,7 @@ from volatool.model import Bool, PointChunk, as_fraction
 StoredBox = tuple[int, int, int, int, int, int]
 """Smallest x, y, z, then largest, as stored integers."""
 
+_STORED = np.iinfo(np.int32)
 _HEIGHT_BINS = 4096
 _AREA_CELLS = 1 << 24
 
@@ -162,6 +163,9 @@ class Census:
             return None
         low = self._expected[2] + (first << self._shift)
         high = self._expected[2] + ((last + 1) << self._shift) - 1
+        # the outermost bins also hold what lies beyond the expected box
+        low = _STORED.min if first == filled[0] else low
+        high = _STORED.max if last == filled[-1] else high
         return HeightLimits(low, high, outside)
 
     def to_dict(self, scale: tuple[float, float, float]) -> dict[str, Any]:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volatool import resources
-from volatool.batch.plan import stem
 from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, OutputExistsError
 from volatool.model import Bool, PointChunk, Progress, no_progress
+from volatool.naming import stem
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
 from volatool.report import Report

@@ -64,7 +64,8 @@ def make_toolkit_volume(
     for kind in _kinds(content, options, bits):
         encoding = Encoding(kind, bits, codec)
         if base is not None:
-            path = outputs.add(base.with_name(base.name + encoding.suffix))
+            name = base.name + encoding.suffix
+            path = outputs.add(base.with_name(name))
             with output_stream(path) as stream:
                 _write(stream, content, encoding)
             rows.append(
@@ -72,6 +73,7 @@ def make_toolkit_volume(
                     volume,
                     encoding,
                     path,
+                    name,
                     source.header.las_equivalent_bytes,
                     source.header.size_bytes,
                 )

@@ -94,7 +94,20 @@ def make_elevation(
         layers[layer] = layer_path.name
     document = {"path": path.name, **dem.to_dict(), "holdout": None, "layers": layers}
     document["solver"] = document["solver"] or None  # no points: nothing was solved
-    return ElevationPart(dem, document, points.warnings)
+    return ElevationPart(dem, document, (*points.warnings, *_solver_warnings(dem)))
+
+
+def _solver_warnings(dem: Dem) -> list[CodedWarning]:
+    """Say when the solver gave up before its tolerance was met."""
+    if dem.solver.get("converged", True):
+        return []
+    return [
+        CodedWarning(
+            "W_NOT_CONVERGED",
+            f"the solver stopped after {dem.solver['iterations']} iterations short of --tol; the "
+            "surface is too soft or too stiff for the points: leave out --k-surface and --k-point",
+        )
+    ]
 
 
 def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch: Scratch) -> Dem:

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 from volatool.formats import dense, gz, sparse
 from volatool.formats.header import HEADER_BYTES
-from volatool.outputs import output_name, write_error
+from volatool.outputs import write_error
 from volatool.vola.volume import Volume
 
 DENSE_LIMIT_BYTES = 64 << 20
@@ -110,6 +110,7 @@ def encoding_row(
     volume: Volume,
     encoding: Encoding,
     path: Path | None,
+    name: str | None,
     las_bytes: int | None,
     input_bytes: int | None,
 ) -> dict[str, Any]:
@@ -122,8 +123,8 @@ def encoding_row(
         The volume.
     encoding : Encoding
         One way to write it.
-    path : pathlib.Path or None
-        The file, if it was written.
+    path, name : pathlib.Path and str, or None
+        The file if it was written, under its temporary name, and the name it will have.
     las_bytes, input_bytes : int or None
         Sizes to compare with.
     """
@@ -137,7 +138,7 @@ def encoding_row(
         "kind": encoding.kind,
         "bits_per_voxel": encoding.bits_per_voxel,
         "codec": encoding.codec,
-        "path": None if path is None else output_name(path),
+        "path": name,
         "header_bytes": HEADER_BYTES,
         "payload_bytes": payload,
         "file_bytes": size,

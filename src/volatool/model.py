@@ -152,16 +152,16 @@ class PointChunk:
         columns = zip((self.x, self.y, self.z), self.scale, self.offset, strict=True)
         return np.column_stack([stored * scale + offset for stored, scale, offset in columns])
 
-    def take(self, mask: Bool) -> PointChunk:
-        """Return the points where `mask` is true (``start`` is kept)."""
+    def take(self, chosen: Bool | I64 | slice) -> PointChunk:
+        """Return the points that a mask, indices or a slice choose (``start`` is kept)."""
         return PointChunk(
             self.start,
-            self.x[mask],
-            self.y[mask],
-            self.z[mask],
+            self.x[chosen],
+            self.y[chosen],
+            self.z[chosen],
             self.scale,
             self.offset,
-            {name: values[mask] for name, values in self.attributes.items()},
+            {name: values[chosen] for name, values in self.attributes.items()},
         )
 
 

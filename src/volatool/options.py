@@ -2,21 +2,36 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
+from volatool.channels import CHANNELS
 from volatool.cube import MAX_DEPTH
 from volatool.errors import OptionError
 from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-META_CHANNELS = ("rgb", "height", "returns", "intensity", "class")
-"""Metadata that a volume can carry, in the order of the bytes."""
-
 _LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol")
 
 _TOLERANCE = Length.parse("0.1mm")
+
+_NOT_OF_THE_TOOLKIT = (
+    "classes",
+    "exclude_classes",
+    "returns",
+    "keep_withheld",
+    "keep_noise",
+    "bounds",
+    "thin",
+    "robust_z",
+    "to_crs",
+    "cube",
+    "snap",
+    "split",
+)
+_FLAGS = {"classes": "class", "exclude_classes": "exclude-class"}
 
 # these change how a result is made, not what it is: the report must not depend on them
 _RUN_ONLY = ("chunk_points", "memory", "resources", "strict")
@@ -62,7 +77,7 @@ class ConvertOptions:
     max_depth : int
         Deepest level looked at.
     meta : tuple of str
-        Of `META_CHANNELS`.
+        Of `volatool.channels.CHANNELS`.
     dense : str
         ``"auto"``, ``"always"`` or ``"never"``.
     gzip : bool
@@ -117,7 +132,7 @@ class ConvertOptions:
     max_depth: int = 8
     budget: int | None = None
     depth_from: str | None = None
-    meta: tuple[str, ...] = META_CHANNELS
+    meta: tuple[str, ...] = CHANNELS
     dense: str = "auto"
     gzip: bool = True
     compat: str | None = None
@@ -144,8 +159,14 @@ class ConvertOptions:
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, parse_size(value))
+        self._check_points()
         self._check_depth()
         self._check_words()
+        for name in ("k_surface", "k_point"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < float("inf"):
+                flag = "--" + name.replace("_", "-")
+                raise OptionError(f"{flag} must be a number greater than 0, got {value}")
         if self.chunk_points < 1:
             raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
         if self.split is not None and (self.cube != "auto" or self.snap):
@@ -154,6 +175,32 @@ class ConvertOptions:
             raise OptionError("--budget is for one volume: leave out --split")
         if self.compat == "toolkit":
             self._check_toolkit()
+
+    def _check_points(self) -> None:
+        """Check what Python callers may get wrong; the command line has parsed it."""
+        if self.bounds is not None and not isinstance(self.bounds, Bounds):
+            try:
+                left, bottom, right, top = map(float, self.bounds)
+                object.__setattr__(self, "bounds", Bounds(left, bottom, right, top))
+            except (TypeError, ValueError) as error:
+                raise OptionError(f"bounds must be left, bottom, right, top: {error}") from error
+        for name in ("classes", "exclude_classes"):
+            codes = getattr(self, name)
+            if codes is not None:
+                try:
+                    object.__setattr__(self, name, tuple(map(operator.index, codes)))
+                except TypeError as error:
+                    raise OptionError(f"{name} must be a sequence of class codes") from error
+        if self.thin is not None and self.thin < 1:
+            raise OptionError(f"thin must be at least 1, got {self.thin}")
+        for name in ("crs", "crs_default", "to_crs"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, str):
+                raise OptionError(f'{name} must be text such as "EPSG:25832", got {value!r}')
+        for name in ("depth", "max_depth", "chunk_points"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, int):
+                raise OptionError(f"{name} must be a whole number, got {value!r}")
 
     def _check_depth(self) -> None:
         given = [
@@ -182,7 +229,7 @@ class ConvertOptions:
         for name, words in allowed.items():
             if getattr(self, name) not in words:
                 raise OptionError(f"{name} must be one of {words}, got {getattr(self, name)!r}")
-        for name, known in (("meta", META_CHANNELS), ("layers", ("count", "flag", "distance"))):
+        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance"))):
             unknown = [word for word in getattr(self, name) if word not in known]
             if unknown:
                 raise OptionError(f"{name}: {unknown[0]!r} is not one of {known}")
@@ -190,11 +237,13 @@ class ConvertOptions:
     def _check_toolkit(self) -> None:
         if self.depth is None:
             raise OptionError("--compat toolkit needs --depth N: the toolkit does not choose one")
-        fixed = {"split": None, "snap": False, "cube": "auto", "to_crs": None}
-        for name, default in fixed.items():
-            if getattr(self, name) != default:
-                flag = "--" + name.replace("_", "-")
-                raise OptionError(f"--compat toolkit can't go with {flag}: it knows one cube only")
+        for field in fields(self):
+            if field.name in _NOT_OF_THE_TOOLKIT and getattr(self, field.name) != field.default:
+                flag = "--" + _FLAGS.get(field.name, field.name).replace("_", "-")
+                raise OptionError(
+                    f"--compat toolkit can't go with {flag}: the toolkit takes all points of a "
+                    "file, as they are, into one cube"
+                )
 
     def given(self) -> dict[str, Any]:
         """Return the options that differ from their defaults and bear on the results, as JSON."""

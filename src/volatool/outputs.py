@@ -7,10 +7,11 @@ import errno
 import os
 import platform
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
-from volatool.errors import OutputError, OutputExistsError
+from volatool.errors import OptionError, OutputError, OutputExistsError
 
 _TEMPORARY = re.compile(
     r"\.(?P<name>.+)\.volatool-(?P<host>[A-Za-z0-9_]*)-(?P<pid>[0-9]+)\.tmp(\..+)?"
@@ -83,18 +84,22 @@ class OutputSet:
         if folder not in self._swept:
             sweep(folder)
             self._swept.add(folder)
-        name = f".{target.name}.volatool-{_HOST}-{os.getpid()}.tmp{target.suffix}"
+        room = 255 - len(os.fsencode(target.suffix)) - 60  # longest name that file systems take
+        stem = os.fsdecode(os.fsencode(target.name)[:room])
+        name = f".{stem}.volatool-{_HOST[:24]}-{os.getpid()}.tmp{target.suffix}"
         temporary = folder / name
         self._pending[target] = temporary
         return temporary
 
-    def discard(self, target: Path) -> None:
-        """Drop an output that is not wanted after all."""
-        self._pending.pop(target).unlink(missing_ok=True)
-
-    def commit(self) -> list[Path]:
+    def commit(self, planned: Sequence[Path] = ()) -> list[Path]:
         """
         Make all outputs durable and give them their names.
+
+        Parameters
+        ----------
+        planned : sequence of pathlib.Path
+            Outputs that might have been written: those that were not are removed, so that none of
+            an earlier run stays beside ones that contradict it. Only when overwriting.
 
         Returns
         -------
@@ -114,24 +119,14 @@ class OutputSet:
             for target in paths:
                 self._pending[target].replace(target)
                 del self._pending[target]
+            for target in planned if self.overwrite else ():
+                if target not in paths:
+                    target.unlink(missing_ok=True)
             for folder in folders:
                 _sync(folder)
         except OSError as error:
             raise write_error(error.filename or next(iter(folders)), error) from error
         return paths
-
-
-def output_name(temporary: Path) -> str:
-    """
-    Return the name that a temporary path of `OutputSet.add` will have.
-
-    Examples
-    --------
-    >>> output_name(Path(".tile.dem.tif.volatool-node1-123.tmp.tif"))
-    'tile.dem.tif'
-    """
-    match = _TEMPORARY.fullmatch(temporary.name)
-    return temporary.name if match is None else match["name"]
 
 
 def refuse_existing(targets: list[Path], overwrite: bool) -> None:
@@ -144,9 +139,13 @@ def refuse_existing(targets: list[Path], overwrite: bool) -> None:
         Naming the first that exists.
     """
     for target in targets:
-        if target.is_dir():
+        try:
+            is_folder, is_there = target.is_dir(), target.exists()
+        except (OSError, ValueError) as error:  # a name too long, or with a NUL
+            raise OptionError(f"{target}: can't be the name of an output ({error})") from error
+        if is_folder:
             raise OutputExistsError(f"{target}: is a folder, an output file was to be written")
-        if target.exists() and not overwrite:
+        if is_there and not overwrite:
             raise OutputExistsError(f"{target}: exists; give --overwrite to replace it")
 
 
@@ -159,7 +158,7 @@ def sweep(folder: Path) -> None:
     for entry in entries:
         match = _TEMPORARY.fullmatch(entry.name)
         # the folder may be shared: of another machine's processes we know nothing
-        if match and match["host"] == _HOST and not _is_alive(int(match["pid"])):
+        if match and match["host"] == _HOST[:24] and not _is_alive(int(match["pid"])):
             with contextlib.suppress(OSError):
                 entry.unlink()
 
@@ -181,7 +180,7 @@ def _is_alive(pid: int) -> bool:
         return True
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):  # no process has such a number
         return False
     except OSError:
         return True

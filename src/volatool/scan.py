@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from volatool.census import (
     header_box,
 )
 from volatool.cube import Cube
-from volatool.errors import CodedWarning, OptionError
-from volatool.model import Bool, PointChunk, Progress, as_fraction
+from volatool.errors import CodedWarning, OptionError, ResourceError
+from volatool.model import I64, Bool, PointChunk, Progress, as_fraction
 from volatool.options import ConvertOptions
 from volatool.points.select import Selection
 
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 CubeIndex = tuple[int, int, int]
 BuilderMaker = Callable[[Cube], "VolaBuilder"]
+
+MAX_CUBES = 2048
+"""Volumes that ``--split`` makes of one tile: each keeps a builder, and files when it spills."""
 
 _CENSUS_ATTRIBUTES = frozenset({"classification", "return_number"})
 
@@ -114,6 +117,9 @@ class TileScanner:
             | channel_attributes
             | (_CENSUS_ATTRIBUTES & header.dimensions)
         )
+        # a chunk, its decoded records and its sorted keys must fit beside everything else
+        room = max(1000, (options.memory // 8) // (header.record_bytes + 100))
+        self.chunk_points = min(options.chunk_points, room)
         self.limits: HeightLimits | None = None
         self.n_passes = 0
 
@@ -122,17 +128,15 @@ class TileScanner:
         expected = self._expected_box()
         census, builders = self._pass(expected, self.surface)
         box = census.box_used if self.options.robust_z else census.box
-        warnings = self._box_warnings(box, expected)
-        if (
-            self.with_volume
-            and box is not None
-            and (builders is None or self._cube(box) != self._cube(expected))
-        ):
-            for builder in (builders or {}).values():
-                builder.close()
-            _, builders = self._pass(box, None)
-            assert builders is not None  # the box is that of the points
-        return Scan(census, builders or {}, box, self.n_passes, warnings)
+        if box is not None and box != expected:
+            if self.with_volume and (builders is None or self._cube(box) != self._cube(expected)):
+                for builder in (builders or {}).values():
+                    builder.close()
+                census, builders = self._pass(box, None)
+                assert builders is not None, "a point outside the box of all points"
+            else:
+                census = self._survey(box)  # heights and area are counted over the box
+        return Scan(census, builders or {}, box, self.n_passes, self._box_warnings(census.box))
 
     def visit(self, take: Callable[[PointChunk, Bool | None], None]) -> Scan:
         """
@@ -148,8 +152,9 @@ class TileScanner:
         for chunk, mask in self._chunks(census):
             census.add(chunk, mask)
             take(chunk, mask)
-        warnings = self._box_warnings(census.box, expected)
-        return Scan(census, {}, census.box, self.n_passes, warnings)
+        if census.box is not None and census.box != expected and self.limits is None:
+            census = self._survey(census.box)
+        return Scan(census, {}, census.box, self.n_passes, self._box_warnings(census.box))
 
     def _expected_box(self) -> StoredBox:
         """Return the box to make the cube for, from the header if it can be trusted so far."""
@@ -159,9 +164,11 @@ class TileScanner:
             box = self._survey((0, 0, 0, 0, 0, 0)).box or (0, 0, 0, 0, 0, 0)
         if self.options.robust_z:
             census = self._survey(box)
+            if census.box is not None and census.box != box:
+                census = self._survey(census.box)
             self.limits = census.isolated(of_used=True)
             if self.limits is not None:
-                census = self._survey(box)
+                census = self._survey(census.box or box)
             box = census.box_used or box
         try:
             self._cube(box)
@@ -186,7 +193,7 @@ class TileScanner:
         """Yield the chunks of one pass with the mask of the points to use."""
         self.n_passes += 1
         done = 0
-        for chunk in self.source.chunks(self.attributes, self.options.chunk_points):
+        for chunk in self.source.chunks(self.attributes, self.chunk_points):
             mask = self.selection.mask(chunk, census.dropped)
             if self.limits is not None:
                 mask = self._within_limits(chunk, mask, census.dropped)
@@ -232,6 +239,8 @@ class TileScanner:
         for index, part in self._split(used):
             builder = builders.get(index)
             if builder is None:
+                if len(builders) == MAX_CUBES:
+                    raise self._too_many_cubes()
                 builder = builders[index] = self.make_builder(self._split_cube(index))
             outside = builder.add(part)
             assert outside == 0, "a point outside the snapped cube that it was sorted into"
@@ -261,17 +270,15 @@ class TileScanner:
     def _split(self, chunk: PointChunk) -> Iterator[tuple[CubeIndex, PointChunk]]:
         """Yield the points of a chunk by snapped cube; half-open, so each point is in one."""
         columns = [self._cube_numbers(chunk, axis) for axis in range(3)]
-        numbers = np.column_stack(columns)
-        order = np.lexsort(columns)
-        ordered = numbers[order]
-        starts = np.flatnonzero(np.any(np.diff(ordered, axis=0, prepend=ordered[:1] - 1), axis=1))
+        order = np.lexsort(columns)  # stable: the points of a cube stay in file order
+        chunk = chunk.take(order)
+        numbers = np.column_stack(columns)[order]
+        starts = np.flatnonzero(np.any(np.diff(numbers, axis=0, prepend=numbers[:1] - 1), axis=1))
         for start, stop in zip(starts, [*starts[1:], len(chunk)], strict=True):
-            members = np.zeros(len(chunk), np.bool_)
-            members[order[start:stop]] = True
-            x, y, z = (int(value) for value in ordered[start])
-            yield (x, y, z), chunk.take(members)
+            x, y, z = (int(value) for value in numbers[start])
+            yield (x, y, z), chunk.take(slice(start, stop))
 
-    def _cube_numbers(self, chunk: PointChunk, axis: int) -> Any:
+    def _cube_numbers(self, chunk: PointChunk, axis: int) -> I64:
         """Return the index of the snapped cube of each point on one axis, exactly."""
         ratio = self.source.crs.z_ratio if axis == 2 else Fraction(1)
         slope = as_fraction(chunk.scale[axis]) * ratio / self.split_side
@@ -279,15 +286,24 @@ class TileScanner:
         length = math.lcm(slope.denominator, shift.denominator)
         stored = (chunk.x, chunk.y, chunk.z)[axis]
         factor, start = int(slope * length), int(shift * length)
-        if factor < 2**30 and abs(start) < 2**62:
+        if abs(factor) < 2**30 and max(abs(start), length) < 2**61:
             return (stored.astype(np.int64) * factor + start) // length
-        exact = (stored.astype(object) * factor + start) // length
-        return exact.astype(np.int64)
+        numbers = (stored.astype(object) * factor + start) // length
+        if max(map(abs, (numbers.min(), numbers.max()))) >= 2**62:
+            raise self._too_many_cubes()
+        return np.asarray(numbers, np.int64)
 
-    def _box_warnings(self, box: StoredBox | None, expected: StoredBox) -> list[CodedWarning]:
+    def _too_many_cubes(self) -> ResourceError:
+        return ResourceError(
+            f"--split {self.options.split} cuts this tile into more than {MAX_CUBES} cubes; give "
+            "a longer side",
+            "E_SIZE",
+        )
+
+    def _box_warnings(self, box: StoredBox | None) -> list[CodedWarning]:
         """Say when the header's box is not that of the points (by more than its last digit)."""
         header = self.source.header
-        if box is None or self.options.robust_z:
+        if box is None:
             return []
         claimed = header_box(header.box, header.scale, header.offset)
         if claimed is not None and all(
@@ -299,6 +315,6 @@ class TileScanner:
             CodedWarning(
                 "W_HEADER_BBOX",
                 f"the header's box is {list(header.box)}, the points' is {found}; the points' box "
-                f"was used, the file was read {self.n_passes + (box != expected)} times",
+                f"was used, the points were read {self.n_passes} times",
             )
         ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
@@ -41,7 +42,8 @@ def summarize(reports: Sequence[Report]) -> Report:
         raise OptionError("no input has a point: there is nothing to sum up")
     counts = add_counts(counts_from_rows(report.levels) for report in full)
     inputs = [report.input for report in full if report.input is not None]
-    n_points = sum(source["points_used"] for source in inputs)
+    counted = [source["points_used"] for source in inputs]
+    n_points = None if None in counted else sum(counted)
     cubes = sum((report.cube or {}).get("cubes", 1) for report in full)
     sides = [(report.cube or {})["side"] for report in full]
     side = max(sides)
@@ -69,7 +71,7 @@ def summarize(reports: Sequence[Report]) -> Report:
 
 
 def _choice(
-    reports: Sequence[Report], counts: Sequence[LevelCounts], n_points: int, cube: Cube
+    reports: Sequence[Report], counts: Sequence[LevelCounts], n_points: int | None, cube: Cube
 ) -> Choice:
     """Choose by occupancy on the sums, unless one depth was asked for all."""
     rules = {(report.choice or {})["rule"] for report in reports}
@@ -77,7 +79,9 @@ def _choice(
     if "occupancy" not in rules and len(depths) == 1:
         return fixed_depth(reports[0].depth or 0, cube, counts)
     threshold = reports[0].options.get("min_occupancy", MIN_OCCUPANCY)
-    return choose_depth(counts, n_points, cube=cube, threshold=threshold)
+    # without the number of points no level ends the table for having as many voxels
+    most = sys.maxsize if n_points is None else n_points
+    return choose_depth(counts, most, cube=cube, threshold=threshold)
 
 
 def _input(inputs: Sequence[Mapping[str, Any]], n_volumes: int) -> dict[str, Any]:
@@ -120,7 +124,7 @@ def _density(inputs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     )
     return {
         "all_per_area_bbox": _ratio(sum(source["points_read"] or 0 for source in inputs), boxes),
-        "all_per_area_occupied": _ratio(sum(source["points_used"] for source in inputs), covered),
+        "all_per_area_occupied": _ratio(sum(s["points_used"] or 0 for s in inputs), covered),
         "first_per_area_occupied": _ratio(n_first, covered),
         "occupied_cell": None,
     }

@@ -104,7 +104,8 @@ def _caption(report: Report) -> str:
     source = report.input
     if source is None or report.error is not None:
         return f"{source['name'] if source else 'input'}: {report.status}"
-    points = f"{source['points_used']:,} points"
+    used = source["points_used"]
+    points = "unknown number of points" if used is None else f"{used:,} points"
     cube = report.cube
     side = "" if not cube or cube["side"] is None else f", cube side {cube['side']:.10g}"
     if side and cube and cube["unit"]:

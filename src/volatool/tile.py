@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volatool import resources
-from volatool.batch.plan import VOLUME_SUFFIXES, stem
 from volatool.census import box_corners
 from volatool.cube import Cube
 from volatool.elevation import make_elevation
 from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, CRSError
 from volatool.model import Bounds, Progress, no_progress
+from volatool.naming import VOLUME_SUFFIXES, stem
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
 from volatool.report import Report
@@ -78,8 +78,8 @@ def convert_tile(
 
         return volume_report(path, options)
     started = time.perf_counter()
-    resources.return_freed_memory()
-    refuse_existing(planned_outputs(path, options, kind, outdir), overwrite)
+    planned = planned_outputs(path, options, kind, outdir)
+    refuse_existing(planned, overwrite)
     with open_source(path, options) as source, OutputSet(overwrite) as outputs:
         with Scratch(resources.working_budget(options.memory)) as scratch:
             tile = _Tile(path, options, kind, outdir, source, scratch, outputs)
@@ -93,7 +93,7 @@ def convert_tile(
             temporary = outputs.add(tile.target(".stats.json"))
             with output_stream(temporary) as stream:
                 stream.write((report.to_json(indent=2) + "\n").encode())
-        return replace(report, paths=outputs.commit())
+        return replace(report, paths=outputs.commit(planned))
 
 
 def planned_outputs(
@@ -158,7 +158,14 @@ def open_source(
         if options.to_crs is not None:
             from volatool.points.reproject import Reprojected
 
-            yield Reprojected(source, options.to_crs)
+            moved = Reprojected(source, options.to_crs)
+            if moved.crs.is_geographic:
+                raise CRSError(
+                    f"--to-crs {options.to_crs}: coordinates would be degrees; give a projected "
+                    "CRS, such as utm",
+                    "E_GEOGRAPHIC",
+                )
+            yield moved
             return
         if source.crs.is_geographic and source.n_points and not allow_degrees:
             from volatool.points.crs import utm_for

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from fractions import Fraction
 
 from volatool.errors import OptionError
@@ -90,7 +91,8 @@ class Length:
         return self.value * METRES_PER_UNIT[self.unit] / metres_per_unit
 
     def __str__(self) -> str:
-        return f"{float(self.value):g}{self.unit or ''}"
+        number = Decimal(self.value.numerator) / Decimal(self.value.denominator)
+        return f"{number:f}{self.unit or ''}"
 
 
 def parse_size(text: str | int) -> int:

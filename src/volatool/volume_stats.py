@@ -46,7 +46,7 @@ def volume_report(path: Path, options: ConvertOptions) -> Report:
         "las_equivalent_bytes": None,
         "points_header": None,
         "points_read": None,
-        "points_used": n_points or 0,
+        "points_used": n_points,
         "dropped": {},
         "classes": {},
         "returns": {},
@@ -75,7 +75,7 @@ def volume_report(path: Path, options: ConvertOptions) -> Report:
             "reason": f"the file has {volume.depth} levels",
         },
         encodings=tuple(
-            encoding_row(volume, encoding, None, None, info.source_bytes)
+            encoding_row(volume, encoding, None, None, None, info.source_bytes)
             for encoding in encodings_of(volume)
         ),
         options=options.given(),

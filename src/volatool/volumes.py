@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from volatool.encodings import (
     write_volume,
     written_bytes,
 )
-from volatool.errors import CodedWarning, InputNotFoundError, OptionError
+from volatool.errors import CodedWarning, OptionError
 from volatool.model import CrsInfo, LevelCounts
 from volatool.occupancy import depth as rules
 from volatool.occupancy.levels import LevelRow, add_counts, level_rows
@@ -61,6 +62,12 @@ class VolumePart:
     warnings: tuple[CodedWarning, ...]
 
 
+def check_dataset(options: ConvertOptions) -> None:
+    """Raise now if ``--depth-from`` names nothing of use."""
+    if options.depth_from is not None:
+        rules.dataset_depth(_dataset(options.depth_from), Cube((0.0, 0.0, 0.0), 1.0))
+
+
 def depth_in_advance(options: ConvertOptions, crs: CrsInfo, cube: Cube) -> int | None:
     """
     Return the depth if it does not depend on the points, else None.
@@ -84,16 +91,19 @@ def depth_in_advance(options: ConvertOptions, crs: CrsInfo, cube: Cube) -> int |
     return None
 
 
+@functools.lru_cache(maxsize=1)
 def _dataset(name: str) -> Mapping[str, Any]:
     """Return the JSON object of ``--depth-from``."""
     try:
         document = json.loads(Path(name).read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputNotFoundError(f"{name}: can't be read ({error.strerror})") from error
+        raise OptionError(f"--depth-from {name}: can't be read ({error.strerror})") from error
     except ValueError as error:
-        raise OptionError(f"{name}: is not JSON ({error}); give what stats wrote") from error
+        raise OptionError(f"--depth-from {name}: is not JSON ({error})") from error
     if not isinstance(document, Mapping):
-        raise OptionError(f"{name}: is not one JSON object; give what stats --summary wrote")
+        raise OptionError(
+            f"--depth-from {name}: is not one JSON object; give what stats --summary wrote"
+        )
     return document
 
 
@@ -127,7 +137,7 @@ def make_volumes(
     counts = add_counts(one.counts for one in built.values())
     n_points = sum(one.n_points for one in built.values())
     largest = max(built, key=lambda index: built[index].n_points)
-    info = _info(source, corners)
+    info = _info(source)
     choice = _choose(options, source.crs, built[largest], counts, n_points, info)
     last = max(choice.depth, rules.stop_level(counts, n_points, options.max_depth))
     rows: tuple[LevelRow, ...] = level_rows(
@@ -137,14 +147,15 @@ def make_volumes(
     encodings: list[dict[str, Any]] = []
     shown = None
     for index, one in built.items():
-        volume = one.volume(choice.depth, info)
-        paths: dict[Encoding, Path] = {}
+        lat, lon = place_of(source.crs, one.box or corners)
+        volume = one.volume(choice.depth, replace(info, lat=lat, lon=lon))
+        paths: dict[Encoding, tuple[Path, str]] = {}
         if base is not None:
             paths = _write(volume, options, outputs, _named(base, index, options), warnings)
-        written = [
-            encoding_row(volume, encoding, paths.get(encoding), *_sizes(source))
-            for encoding in encodings_of(volume)
-        ]
+        written = []
+        for encoding in encodings_of(volume):
+            path, name = paths.get(encoding, (None, None))
+            written.append(encoding_row(volume, encoding, path, name, *_sizes(source)))
         encodings = added_rows(encodings, written, *_sizes(source))
         if index == largest:
             shown = volume
@@ -181,16 +192,13 @@ def place_of(crs: CrsInfo, corners: Sequence[float]) -> tuple[float | None, floa
     return latlon(crs, x, y) or (None, None)
 
 
-def _info(source: Source, corners: Sequence[float]) -> VolumeInfo:
+def _info(source: Source) -> VolumeInfo:
     from volatool.vola.info import VolumeInfo
 
-    lat, lon = place_of(source.crs, corners)
     return VolumeInfo(
         crs=source.crs,
         source_name=source.name,
         source_bytes=source.header.size_bytes,
-        lat=lat,
-        lon=lon,
         epsg=source.crs.epsg,
         generator=f"volatool {__version__}",
     )
@@ -245,8 +253,8 @@ def _write(
     outputs: OutputSet,
     base: Path,
     warnings: list[CodedWarning],
-) -> dict[Encoding, Path]:
-    """Write the sparse file and, if wanted, the dense one; return the temporary paths."""
+) -> dict[Encoding, tuple[Path, str]]:
+    """Write the sparse file and, if wanted, the dense one; return temporary paths and names."""
     bits = 2 if volume.has_metadata else 1
     codec = "gzip" if options.gzip else "none"
     wanted = [Encoding("sparse", bits, codec)]
@@ -267,10 +275,11 @@ def _write(
             )
     paths = {}
     for encoding in wanted:
-        path = outputs.add(base.with_name(base.name + encoding.suffix))
+        name = base.name + encoding.suffix
+        path = outputs.add(base.with_name(name))
         with output_stream(path) as stream:
             write_volume(stream, volume, encoding)
-        paths[encoding] = path
+        paths[encoding] = (path, name)
     return paths
 
 

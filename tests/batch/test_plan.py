@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from volatool.batch.plan import expand, refuse_collisions, stem
+from volatool.batch.plan import expand, refuse_collisions
 from volatool.errors import InputNotFoundError, OptionError, OutputExistsError
+from volatool.naming import stem
 
 
 @pytest.fixture

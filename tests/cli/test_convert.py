@@ -245,3 +245,27 @@ def test_a_dtm_without_a_ground_class_is_made_by_the_ground_filter(surface, vola
     assert "points that the ground filter kept" in done.stderr
     dem = json.loads(done.stdout)["dem"]
     assert (dem["surface"], dem["ground_source"]) == ("dtm", "ground filter")
+
+
+def test_odd_names_end_in_one_coded_line(volatool):
+    done = volatool("convert", "a" * 300 + ".laz", "-o", "out")
+    assert done.returncode in (2, 4)
+    assert done.stderr.startswith(("E_OPTION", "E_INPUT"))
+    done = volatool("convert", "-", "-o", "out", input="nul\0byte.laz\n")
+    assert done.returncode in (2, 4)
+    assert done.stderr.startswith("E_")
+    done = volatool("info", "/dev/stdin", input="x")
+    assert "Traceback" not in done.stderr
+    assert done.stderr.startswith("E_")
+
+
+def test_a_dry_run_goes_on_after_a_bad_tile(volatool):
+    done = volatool("convert", "gone.laz", "town.laz", "-o", "out", "--dry-run")
+    assert done.returncode == 3
+    assert "out/town.vol.gz" in done.stdout
+    assert "E_NOT_FOUND" in done.stderr
+
+
+def test_when_nothing_can_be_written_the_status_is_5(volatool):
+    (volatool.folder / "file").touch()
+    assert volatool("convert", "town.laz", "forest.laz", "-o", "file/out").returncode == 5

@@ -42,7 +42,7 @@ def test_dem_follows_the_terrain():
     assert 0.02 < dem.noise_sigma < 0.04
     report = dem.to_dict()
     assert set(report["solver"]) == {
-        "method", "iterations", "relative_residual", "k_surface", "k_point"
+        "method", "iterations", "relative_residual", "converged", "k_surface", "k_point"
     }  # fmt: skip
     assert report["solver"]["k_surface"] == pytest.approx(0.02 * dem.spacing**2)
     assert (report["surface"], report["width"]) == ("dtm", 60)

@@ -10,12 +10,12 @@ import naive_vola as naive
 import numpy as np
 import pytest
 
+from volatool.channels import CHANNELS
 from volatool.cube import Cube
 from volatool.errors import OptionError, ResourceError
 from volatool.model import CrsInfo, PointChunk
 from volatool.scratch import Scratch
 from volatool.vola.builder import VolaBuilder
-from volatool.vola.metadata import CHANNELS
 from volatool.vola.volume import VolumeInfo
 
 SCALE, OFFSET = (0.01, 0.01, 0.01), (500.0, -20.0, 3.5)

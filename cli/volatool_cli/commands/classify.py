@@ -20,7 +20,8 @@ from volatool_cli import options
 @options.memory
 @click.option("--json", "as_json", is_flag=True, help="Print a report a line instead of paths.")
 @options.no_resources
-@options.talking
+@options.progress
+@options.messages
 def classify(**arguments: Any) -> None:
     """Set class 2 by the EMap ground filter and write the same points: NAME.laz.
 

@@ -44,7 +44,8 @@ from volatool_cli.params import LengthType
 @options.memory
 @click.option("--json", "as_json", is_flag=True, help="Print a report a line instead of paths.")
 @options.no_resources
-@options.talking
+@options.progress
+@options.messages
 def convert(**arguments: Any) -> None:
     """Convert tiles in one pass to a VOLA volume, an elevation model and statistics.
 

@@ -12,11 +12,10 @@ from volatool_cli import options
 @click.command(short_help="Print what headers and trailers say.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path())
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-@options.talking
+@options.messages
 def info(
     files: tuple[str, ...],
     as_json: bool,
-    progress: str,
     quiet: bool,
     verbose: int,
     log: str | None,

@@ -30,7 +30,8 @@ from volatool_cli import options
 @options.memory
 @click.option("--fail-fast", is_flag=True, help="Stop at the first input that fails.")
 @options.no_resources
-@options.talking
+@options.progress
+@options.messages
 def stats(**arguments: Any) -> None:
     """Print the occupancy of each level, the sizes, and the depth that follows.
 

@@ -12,18 +12,18 @@ from volatool_cli import options
 @click.command(short_help="Check volumes, elevation models and reports.")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=click.Path())
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-@options.talking
+@options.messages
 def validate(
     files: tuple[str, ...],
     as_json: bool,
-    progress: str,
     quiet: bool,
     verbose: int,
     log: str | None,
 ) -> None:
     """Check structure, counts and checksums of volumes, and that DEMs and reports read back.
 
-    Exit status 6 if a check does not hold; each fault is one line with its offset.
+    Exit status 6 if a check does not hold, 4 if the files are not there, 7 if they are too large
+    to be read; each fault is one line with its offset.
 
     \b
     Examples:
@@ -46,5 +46,10 @@ def validate(
         click.echo(f"{report.path}: {'ok' if report.ok else 'FAULTY'} ({report.kind})")
         for problem in report.problems:
             click.echo(f"  {problem}")
-    if not all(report.ok for report in reports):
+    codes = {problem.code for report in reports for problem in report.problems}
+    if codes == {"E_NOT_FOUND"}:
+        sys.exit(ExitCode.ALL_FAILED)
+    if codes == {"E_SIZE"}:
+        sys.exit(ExitCode.LIMIT)
+    if codes:
         sys.exit(ExitCode.CHECK_FAILED)

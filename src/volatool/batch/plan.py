@@ -7,30 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from volatool.errors import InputNotFoundError, OptionError, OutputExistsError
-
-POINT_SUFFIXES = (".las", ".laz")
-"""What a folder is searched for; COPC files end in ``.copc.laz``."""
-
-VOLUME_SUFFIXES = (".vol.gz", ".dvol.gz", ".vol", ".dvol")
-"""What counts as a VOLA file where points and volumes are both taken."""
-
-_STEM_SUFFIXES = (".copc.laz", *POINT_SUFFIXES, *VOLUME_SUFFIXES)
-
-
-def stem(path: Path) -> str:
-    """
-    Return the name that outputs of an input begin with.
-
-    Examples
-    --------
-    >>> stem(Path("a/tile.1.copc.laz"))
-    'tile.1'
-    """
-    name = path.name
-    for suffix in _STEM_SUFFIXES:
-        if name.lower().endswith(suffix) and len(name) > len(suffix):
-            return name[: -len(suffix)]
-    return name
+from volatool.naming import POINT_SUFFIXES, stem
 
 
 def expand(
@@ -72,10 +49,13 @@ def _expanded(
 ) -> Iterator[Path]:
     for argument in arguments:
         if argument == "-":
-            yield from (Path(name) for name in stdin if name)
+            for name in stdin:
+                if "\0" in name:
+                    raise OptionError("names on stdin hold NUL bytes; give -0 if they end names")
+                yield Path(name)
         elif argument.startswith("@"):
             yield from _listed(Path(argument[1:]))
-        elif Path(argument).is_dir():
+        elif _is_dir(argument):
             yield from _some(
                 argument,
                 sorted(
@@ -85,13 +65,27 @@ def _expanded(
                 ),
                 f"has no file that ends in {', '.join(suffixes)}",
             )
-        elif glob.has_magic(argument) and not Path(argument).exists():
+        elif glob.has_magic(argument) and not _exists(argument):
             matches = glob.glob(argument, recursive=True)  # noqa: PTH207 (absolute patterns too)
             yield from _some(
                 argument, [Path(match) for match in sorted(matches)], "matches nothing"
             )
         else:
             yield Path(argument)
+
+
+def _is_dir(name: str) -> bool:
+    try:
+        return Path(name).is_dir()
+    except (OSError, ValueError):  # too long, or with a NUL: reading it says so
+        return False
+
+
+def _exists(name: str) -> bool:
+    try:
+        return Path(name).exists()
+    except (OSError, ValueError):
+        return False
 
 
 def _some(argument: str, paths: list[Path], otherwise: str) -> list[Path]:
@@ -120,11 +114,12 @@ def refuse_collisions(inputs: Sequence[Path], outdir: Path | None) -> None:
     """
     seen: dict[Path, Path] = {}
     for path in inputs:
-        target = (path.parent if outdir is None else outdir) / stem(path)
+        folder = path.parent if outdir is None else outdir
+        target = folder.resolve() / stem(path)
         first = seen.setdefault(target, path)
         if first is not path:
             raise OutputExistsError(
-                f"{first} and {path} would both write {target}.*; "
+                f"{first} and {path} would both write {folder / stem(path)}.*; "
                 "rename one, or convert them into different folders",
                 "E_NAME_COLLISION",
             )

@@ -15,6 +15,7 @@ from volatool.options import ConvertOptions
 from volatool.outputs import refuse_existing
 from volatool.report import Report
 from volatool.tile import convert_tile, planned_outputs
+from volatool.volumes import check_dataset
 
 logger = logging.getLogger(__name__)
 
@@ -63,6 +64,7 @@ def run_inputs(
     OutputError, ResourceError
         From a single input: there is no rest to go on with.
     """
+    check_dataset(options)
     if kind != "stats":
         refuse_collisions(paths, outdir)
         if kind == "classify":
@@ -85,8 +87,10 @@ def run_inputs(
             if len(paths) == 1:
                 raise
             failure = VolatoolError(f"{path}: {type(error).__name__}: {error}")
-        logger.debug("%s failed", path, exc_info=failure)
-        yield failed_report(path, failure, options)
+        logger.info("%s failed", path, exc_info=failure)
+        report = failed_report(path, failure, options)
+        del failure  # its traceback holds the tile's memory
+        yield report
         if fail_fast:
             return
 

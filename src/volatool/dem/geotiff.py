@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volatool._version import __version__
-from volatool.dem.grid import Grid
+from volatool.dem.grid import MAX_CELLS, Grid
 from volatool.dem.statistics import RasterStatistics
 from volatool.dem.surfaces import NODATA, Dem
 from volatool.errors import FormatError, InputNotFoundError, OutputError
@@ -389,8 +389,14 @@ def check_dem(path: Path, *, reread: bool = True) -> list[Problem]:
                 problems.append(("E_NOT_COG", "overviews are missing", None))
             tags = file.tags(1)
             statistics = RasterStatistics()
-            for start in range(0, file.height, BLOCK) if reread else ():
-                window = Window(0, start, file.width, min(BLOCK, file.height - start))
+            if file.width * file.height > MAX_CELLS:
+                raise FormatError(
+                    f"{path}: claims {file.width} x {file.height} cells, more than any model of "
+                    "volatool has"
+                )
+            rows = max(1, BLOCK * BLOCK // file.width)
+            for start in range(0, file.height, rows) if reread else ():
+                window = Window(0, start, file.width, min(rows, file.height - start))
                 statistics.add(file.read(1, window=window), file.nodata)
             found = statistics.tags()
             for name in ("STATISTICS_MINIMUM", "STATISTICS_MAXIMUM") if reread else ():

@@ -49,6 +49,7 @@ class SolveInfo:
             "method": self.method,
             "iterations": self.iterations,
             "relative_residual": self.relative_residual,
+            "converged": self.converged,
         }
 
 

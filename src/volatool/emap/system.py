@@ -29,6 +29,10 @@ this pair is below the TIN on each tile that the DEM's own test looks at; the ot
 """
 
 
+MAX_RATIO = 1e9
+"""Surface springs may be so many times stiffer, or softer, than those of the points."""
+
+
 def strips(height: int, width: int, cells: int = STRIP_CELLS) -> Iterator[tuple[int, int]]:
     """
     Yield (first row, last row + 1) of the strips that cover a grid, from the top.
@@ -69,6 +73,12 @@ class Springs:
         values = (self.kb, self.km, self.weight)
         if not all(np.isfinite(values)) or min(values) < 0 or self.weight <= 0:
             raise OptionError(f"spring stiffness must be finite and not negative, got {self}")
+        # softer, and cells without a point hang on nothing; stiffer, and the points are lost
+        if not 1 / MAX_RATIO <= max(self.kb, self.km) / self.weight <= MAX_RATIO:
+            raise OptionError(
+                "--k-surface and --k-point are out of all proportion: the surface would be "
+                f"{max(self.kb, self.km) / self.weight:.3g} times as stiff as the points' springs"
+            )
 
     @classmethod
     def emap(

@@ -6,9 +6,6 @@ import numpy as np
 
 from volatool.kernels._jit import kernel
 
-MAX_PAIRS = 144
-"""Interior faces of a block: 3 axes x 3 x 4 x 4."""
-
 
 @kernel
 def popcount(word):

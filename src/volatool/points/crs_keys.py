@@ -137,7 +137,8 @@ def _projected(keys: dict[int, Value]) -> pyproj.CRS:
     """Return a projected CRS from its method and parameters."""
     unit = _file_unit(keys) or ("metre", Fraction(1))
     metres = float(unit[1])
-    to_degrees = _DEGREES.get(int(gk.number(keys, gk.ANGULAR_UNITS, default=9102)), 1.0)
+    angular = gk.number(keys, gk.ANGULAR_UNITS, default=9102)
+    to_degrees = _DEGREES.get(int(angular), 1.0) if math.isfinite(angular) else 1.0
 
     def degrees(*names: int) -> float:
         return gk.number(keys, *names) * to_degrees

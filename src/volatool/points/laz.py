@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator
 from typing import BinaryIO
 
@@ -20,6 +19,7 @@ from volatool.points.laz_chunks import (
     ChunkFinder,
 )
 from volatool.points.laz_decode import DecodeError, Sequence, decode_chunks, read_table
+from volatool.resources import n_cores
 
 MAX_CHUNK_BYTES = 64 << 20
 """Chunks that unpack to more are decoded piece by piece, on one core."""
@@ -123,18 +123,18 @@ class LazPoints:
     def _groups(self, batch_points: int) -> Iterator[list[Chunk]]:
         """Yield runs of chunks to decode at once: full batches, all cores busy."""
         assert self.chunks is not None
-        record, n_cores = self._header.record_bytes, _n_cores()
+        record, cores = self._header.record_bytes, n_cores()
         at = 0
         while at < len(self.chunks):
             end, points = at, 0
             while end < len(self.chunks):
                 points += self.chunks[end].n_points
-                is_wide = end - at >= n_cores or points * record > MAX_GROUP_BYTES
+                is_wide = end - at >= cores or points * record > MAX_GROUP_BYTES
                 if end > at and points > batch_points and is_wide:
                     break
                 end += 1
-            if end < len(self.chunks) and end - at > n_cores:
-                end -= (end - at) % n_cores
+            if end < len(self.chunks) and end - at > cores:
+                end -= (end - at) % cores
             yield self.chunks[at:end]
             at = end
 
@@ -199,11 +199,3 @@ class LazPoints:
         if self.chunks is None:
             return TruncatedError(f"the compressed points end or break off at {where}; {hint}")
         return FormatError(f"the compressed points are damaged at {where}; {hint}")
-
-
-def _n_cores() -> int:
-    """Return the cores that the decoder's threads may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on macOS and Windows
-        return os.cpu_count() or 1

@@ -90,6 +90,13 @@ class PointSource:
             self.crs: CrsInfo = crs_of(self.header, crs, crs_default, self.warnings)
             if strict:
                 self._refuse_defects()
+        except OSError as error:
+            self._stream.close()
+            if isinstance(error, VolatoolError):
+                _retell(error, self.name)
+                raise
+            reason = error.strerror or "not a file that can be searched, such as a pipe"
+            raise InputError(f"{self.name}: can't be read ({reason})") from error
         except BaseException as error:
             self._stream.close()
             _retell(error, self.name)

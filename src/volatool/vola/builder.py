@@ -40,7 +40,7 @@ class VolaBuilder:
     max_depth : int
         Level down to which the points are told apart, 1 to 10.
     channels : iterable of str
-        Metadata channels, of `volatool.vola.metadata.CHANNELS`; none by default.
+        Metadata channels, of `volatool.channels.CHANNELS`; none by default.
     n_points_hint : int, optional
         Upper bound of the number of points. With it, depths that can't reach `min_occupancy` any
         more are given up on the way, which keeps the memory down; without it every depth is kept.

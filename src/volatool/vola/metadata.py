@@ -27,11 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.channels import CHANNELS
 from volatool.errors import OptionError
 from volatool.model import I32, I64
-
-CHANNELS = ("rgb", "height", "returns", "intensity", "class")
-"""Names that ``--meta`` knows."""
 
 ATTRIBUTES: Mapping[str, tuple[str, ...]] = {
     "rgb": ("red", "green", "blue"),

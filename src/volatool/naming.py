@@ -1,0 +1,29 @@
+"""File names: what an input is by its suffix, and what its outputs begin with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+POINT_SUFFIXES = (".las", ".laz")
+"""What a folder is searched for; COPC files end in ``.copc.laz``."""
+
+VOLUME_SUFFIXES = (".vol.gz", ".dvol.gz", ".vol", ".dvol")
+"""What counts as a VOLA file where points and volumes are both taken."""
+
+_STEM_SUFFIXES = (".copc.laz", *POINT_SUFFIXES, *VOLUME_SUFFIXES)
+
+
+def stem(path: Path) -> str:
+    """
+    Return the name that outputs of an input begin with.
+
+    Examples
+    --------
+    >>> stem(Path("a/tile.1.copc.laz"))
+    'tile.1'
+    """
+    name = path.name
+    for suffix in _STEM_SUFFIXES:
+        if name.lower().endswith(suffix) and len(name) > len(suffix):
+            return name[: -len(suffix)]
+    return name
