@@ -23,7 +23,9 @@ def test_a_length_is_exact_in_the_unit_of_the_crs(text, unit_m, expected):
     assert Length.parse(text).in_units(unit_m) == expected
 
 
-@pytest.mark.parametrize("text", ["", "0", "0m", "-1m", "1 mile", "m", "nan", "inf", "1m2"])
+@pytest.mark.parametrize(
+    "text", ["", "0", "0m", "-1m", "1 mile", "m", "nan", "inf", "1m2", "1e400"]
+)
 def test_what_is_no_length_is_refused(text):
     with pytest.raises(OptionError, match="not a length"):
         Length.parse(text)
@@ -42,7 +44,7 @@ def test_sizes_count_by_1024(text, expected):
     assert parse_size(text) == expected
 
 
-@pytest.mark.parametrize("text", ["", "M", "0", "-5M", "12 parsecs"])
+@pytest.mark.parametrize("text", ["", "M", "0", "-5M", "12 parsecs", "1e400"])
 def test_what_is_no_size_is_refused(text):
     with pytest.raises(OptionError, match="not a size"):
         parse_size(text)

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from volatool.batch.plan import expand
-from volatool.errors import VolatoolError
+from volatool.errors import OptionError, VolatoolError
 from volatool.naming import POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
 from volatool.report import Report
@@ -37,6 +37,8 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     form, summary = arguments.pop("form", None), arguments.pop("summary", False)
     fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
+    if outdir == "":
+        raise OptionError("--outdir is an empty name; is a shell variable unset?")
     folder = None if outdir is None else Path(outdir)
 
     suffixes = POINT_SUFFIXES + (VOLUME_SUFFIXES if kind == "stats" else ())

@@ -14,7 +14,7 @@ from volatool.census import StoredBox
 from volatool.errors import CodedWarning
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet
-from volatool.report import dumps
+from volatool.report import dumps, readable
 from volatool.scratch import Scratch
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def make_elevation(
     dem = _dem(points, source, options, scratch)
     points.close()
     resources.drop_library_code()
-    tags = {"SOURCE": source.name, "OPTIONS": dumps(options.given())}
+    tags = {"SOURCE": readable(source.name), "OPTIONS": dumps(options.given())}
     path = target(".dem.tif")
     geotiff.write_dem(outputs.add(path), dem, tags=tags)
     layers = {}

@@ -29,6 +29,8 @@ def describe(path: Path) -> dict[str, Any]:
         The file is not there, or none of these.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise FormatError(f"{path}: is not a regular file", "E_INPUT")
         with path.open("rb") as stream:
             head = stream.read(8)
     except FileNotFoundError as error:

@@ -16,6 +16,7 @@ from volatool.errors import OptionError, OutputError, OutputExistsError
 _TEMPORARY = re.compile(
     r"\.(?P<name>.+)\.volatool-(?P<host>[A-Za-z0-9_]*)-(?P<pid>[0-9]+)\.tmp(\..+)?"
 )
+_LONGEST_STEM = 40  # of at most 4 bytes each: file systems take names of 255 bytes
 _HOST = re.sub("[^A-Za-z0-9_]", "_", platform.node())
 
 
@@ -84,8 +85,8 @@ class OutputSet:
         if folder not in self._swept:
             sweep(folder)
             self._swept.add(folder)
-        room = 255 - len(os.fsencode(target.suffix)) - 60  # longest name that file systems take
-        stem = os.fsdecode(os.fsencode(target.name)[:room])
+        # the number tells apart long names of which only the beginning fits
+        stem = target.name[:_LONGEST_STEM] + f".{len(self._pending)}"
         name = f".{stem}.volatool-{_HOST[:24]}-{os.getpid()}.tmp{target.suffix}"
         temporary = folder / name
         self._pending[target] = temporary

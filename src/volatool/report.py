@@ -167,9 +167,22 @@ def dumps(document: Any, indent: int | None = None) -> str:
     >>> dumps({"b": 1, "a": float("inf")})
     '{"a": null, "b": 1}'
     """
-    return json.dumps(
+    text = json.dumps(
         finite(document), indent=indent, sort_keys=True, allow_nan=False, ensure_ascii=False
     )
+    return readable(text)
+
+
+def readable(text: str) -> str:
+    """
+    Return text with what file names hold beside Unicode replaced, so that it can be encoded.
+
+    Parameters
+    ----------
+    text : str
+        May hold lone surrogates, as `os.fsdecode` makes them.
+    """
+    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def finite(value: Any) -> Any:

@@ -20,6 +20,7 @@ METRES_PER_UNIT: dict[str, Fraction] = {
 }
 """Exact length of each unit that may follow a number; ``ft`` is the international foot."""
 
+_LONGEST = Fraction(10) ** 15  # what is longer is a slip, and more than a float has digits for
 _NUMBER = r"([0-9]+(?:\.[0-9]*)?(?:[eE][-+]?[0-9]+)?|\.[0-9]+)"
 _LENGTH = re.compile(rf"{_NUMBER}\s*({'|'.join(METRES_PER_UNIT)})?")
 _SIZE = re.compile(rf"{_NUMBER}\s*([kKMGT]?)(i?)B?")
@@ -60,7 +61,7 @@ class Length:
         if isinstance(text, Length):
             return text
         match = _LENGTH.fullmatch(str(text).strip())
-        if match is None or Fraction(match[1]) <= 0:
+        if match is None or not 0 < Fraction(match[1]) <= _LONGEST:
             raise OptionError(
                 f"{text!r} is not a length: give a number greater than 0 and, if need be, "
                 f"one of the units {', '.join(METRES_PER_UNIT)}"
@@ -110,7 +111,7 @@ def parse_size(text: str | int) -> int:
     (268435456, 1536)
     """
     match = _SIZE.fullmatch(str(text).strip())
-    if match is None or Fraction(match[1]) <= 0:
+    if match is None or not 0 < Fraction(match[1]) <= _LONGEST:
         raise OptionError(f"{text!r} is not a size: give bytes, or a number with K, M, G or T")
     return int(Fraction(match[1]) * 1024 ** _POWERS[match[2].upper()])
 

@@ -138,6 +138,8 @@ def make_volumes(
     n_points = sum(one.n_points for one in built.values())
     largest = max(built, key=lambda index: built[index].n_points)
     info = _info(source)
+    if options.split is None:  # the size of a file under --budget depends on all its bytes
+        info = _placed(info, source, built[largest], corners)
     choice = _choose(options, source.crs, built[largest], counts, n_points, info)
     last = max(choice.depth, rules.stop_level(counts, n_points, options.max_depth))
     rows: tuple[LevelRow, ...] = level_rows(
@@ -147,8 +149,7 @@ def make_volumes(
     encodings: list[dict[str, Any]] = []
     shown = None
     for index, one in built.items():
-        lat, lon = place_of(source.crs, one.box or corners)
-        volume = one.volume(choice.depth, replace(info, lat=lat, lon=lon))
+        volume = one.volume(choice.depth, _placed(info, source, one, corners))
         paths: dict[Encoding, tuple[Path, str]] = {}
         if base is not None:
             paths = _write(volume, options, outputs, _named(base, index, options), warnings)
@@ -192,6 +193,12 @@ def place_of(crs: CrsInfo, corners: Sequence[float]) -> tuple[float | None, floa
     return latlon(crs, x, y) or (None, None)
 
 
+def _placed(info: VolumeInfo, source: Source, built: Built, corners: Sequence[float]) -> VolumeInfo:
+    """Return the description with the place of a volume's own points."""
+    lat, lon = place_of(source.crs, built.box or corners)
+    return replace(info, lat=lat, lon=lon)
+
+
 def _info(source: Source) -> VolumeInfo:
     from volatool.vola.info import VolumeInfo
 
@@ -223,7 +230,7 @@ def _choose(
     if options.budget is not None:
         deepest = built.volume(built.deepest, info)
         bits = 2 if deepest.has_metadata else 1
-        encoding = Encoding("sparse", bits, "gzip")
+        encoding = Encoding("sparse", bits, "gzip" if options.gzip else "none")
         return rules.budget_depth(
             lambda depth: written_bytes(deepest.truncated(depth), encoding),
             options.budget,

@@ -22,7 +22,7 @@ def test_the_block_kernels_agree_with_a_count_cell_by_cell():
     for word in words:
         assert contiguity.popcount(word) == int(word).bit_count()
         assert contiguity.contiguous_pairs(word) == naive.pairs(int(word))
-    assert contiguity.contiguous_pairs(words[-1]) == contiguity.MAX_PAIRS
+    assert contiguity.contiguous_pairs(words[-1]) == 144
 
 
 def test_words_are_counted_by_their_bits():

@@ -48,6 +48,8 @@ def _expanded(
     arguments: Sequence[str], stdin: Iterable[str], suffixes: tuple[str, ...]
 ) -> Iterator[Path]:
     for argument in arguments:
+        if not argument:
+            raise OptionError("an input is an empty name; is a shell variable unset?")
         if argument == "-":
             for name in stdin:
                 if "\0" in name:

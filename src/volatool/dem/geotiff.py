@@ -189,6 +189,11 @@ def _gdal(path: Path, is_output: bool) -> Iterator[None]:
     try:
         with rasterio.Env(**options):
             yield
+    except UnicodeEncodeError as error:
+        raise OutputError(
+            f"{path!a}: GDAL takes names in Unicode only; rename the tile, or leave the elevation "
+            "model out (--no-dem)"
+        ) from error
     except (RasterioError, CRSError, CPLE_BaseError, OSError) as error:
         if isinstance(error, (OutputError, FormatError)):
             raise

@@ -98,6 +98,8 @@ def _file(path: Path) -> BinaryIO:
     try:
         if path.is_dir():
             raise InputError("is a folder, not a VOLA file")
+        if path.exists() and not path.is_file():
+            raise InputError("is not a regular file; pipes and devices can't be read")
         return path.open("rb")
     except FileNotFoundError as error:
         raise InputNotFoundError("no such file") from error

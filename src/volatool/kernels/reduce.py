@@ -72,7 +72,8 @@ def sum_points(order, index_bits, block_shift, code, red, green, blue, z, return
     block = np.int64(-1)
     for k in range(order.size):
         i = order[k] & mask
-        here = np.int64(order[k] >> np.uint64(block_shift))
+        # at level 1 there is one block, and nothing of 64 bits is left of the shift
+        here = np.int64(order[k] >> np.uint64(block_shift)) if block_shift < 64 else np.int64(0)
         if here != block:
             n_rows = _put_rows(block, sums, touched, n_touched, rows, n_rows)
             n_touched = np.int64(0)

@@ -39,7 +39,14 @@ def crs_from_user(text: str, source: str = "override") -> CrsInfo:
     try:
         with python_warnings.catch_warnings():
             python_warnings.simplefilter("ignore")
-            return describe(pyproj.CRS.from_user_input(text.strip()), source)
+            crs = pyproj.CRS.from_user_input(text.strip())
+            if (crs.is_vertical and not crs.is_compound) or crs.is_geocentric:
+                kind = "geocentric" if crs.is_geocentric else "vertical"
+                raise CRSError(
+                    f"CRS {text!r} is {kind}; give a projected one, with the vertical part behind "
+                    "it: EPSG:x+y"
+                )
+            return describe(crs, source)
     except (ForeignCRSError, ProjError) as error:
         told = str(error).splitlines()[0]
         raise CRSError(

@@ -391,6 +391,8 @@ def _open(source: str | os.PathLike[str] | BinaryIO) -> tuple[BinaryIO, str]:
         return source, str(getattr(source, "name", "<stream>"))
     path = Path(source)
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError(f"{path}: is not a regular file; pipes and devices can't be read")
         return path.open("rb"), str(path)
     except FileNotFoundError as error:
         raise InputNotFoundError(f"{path}: no such file") from error
@@ -398,6 +400,8 @@ def _open(source: str | os.PathLike[str] | BinaryIO) -> tuple[BinaryIO, str]:
         raise InputError(f"{path}: is a folder, not a file") from error
     except OSError as error:
         raise InputError(f"{path}: can't be opened: {error.strerror or error}") from error
+    except ValueError as error:  # a NUL in the name
+        raise InputError(f"{path}: can't be opened: {error}") from error
 
 
 def _retell(error: BaseException, name: str) -> None:
