@@ -71,10 +71,12 @@ def warm_kernels() -> None:
         ]
         for options in variants:
             convert_tile(path, options, outdir=Path(folder), overwrite=True)
+        path.write_bytes(_small_tile(code=1))  # no ground class: the ground filter
+        convert_tile(path, base, outdir=Path(folder), overwrite=True)
 
 
-def _small_tile(n_points: int = 3000) -> bytes:
-    """Return a LAS 1.2 file, point format 3, of a rough ground with a gap."""
+def _small_tile(n_points: int = 3000, code: int = 2) -> bytes:
+    """Return a LAS 1.2 file, point format 3, of a rough ground of one class."""
     record = np.dtype(
         [("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("intensity", "<u2"), ("returns", "u1"),
          ("class", "u1"), ("angle", "i1"), ("user", "u1"), ("source", "<u2"), ("time", "<f8"),
@@ -86,7 +88,7 @@ def _small_tile(n_points: int = 3000) -> bytes:
     points["y"] = rng.integers(0, 6000, n_points)
     points["z"] = points["x"] // 20 + rng.integers(0, 30, n_points)
     points["returns"] = 0b001001
-    points["class"] = 2
+    points["class"] = code
     points["rgb"] = rng.integers(0, 65536, (n_points, 3))
     low = [float(points[axis].min()) / 100 for axis in "xyz"]
     high = [float(points[axis].max()) / 100 for axis in "xyz"]
