@@ -80,7 +80,8 @@ def main() -> NoReturn:
     """Run the command line and exit; the entry point."""
     try:
         status = cli.main(prog_name="volatool", standalone_mode=False)
-        sys.stdout.flush()
+        if sys.stdout is not None:  # None: it was closed from the start
+            sys.stdout.flush()
     except click.exceptions.Abort:
         click.echo("interrupted", err=True)
         status = ExitCode.INTERRUPTED
@@ -93,6 +94,10 @@ def main() -> NoReturn:
     except BrokenPipeError:
         _close_stdout()
         status = ExitCode.STDOUT_CLOSED
+    except OSError as error:
+        click.echo(f"E_WRITE: output can't be written ({error.strerror or error})", err=True)
+        logger.info("output failed", exc_info=True)
+        status = ExitCode.NOT_WRITTEN
     except MemoryError:
         click.echo(
             "E_MEMORY: the machine has no memory left; lower --memory or close others", err=True

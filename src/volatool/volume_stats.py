@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from volatool.encodings import encoding_row, encodings_of
+from volatool.errors import CodedWarning
 from volatool.formats.registry import open_volume
 from volatool.model import LevelCounts
 from volatool.occupancy.depth import fixed_depth
@@ -79,5 +80,18 @@ def volume_report(path: Path, options: ConvertOptions) -> Report:
             for encoding in encodings_of(volume)
         ),
         options=options.given(),
-        warnings=info.warnings,
+        warnings=(*info.warnings, *_ignored(options)),
     )
+
+
+def _ignored(options: ConvertOptions) -> list[CodedWarning]:
+    """Say which options mean nothing for a volume that is made already."""
+    names = ["--" + name.replace("_", "-") for name in options.given()]
+    if not names:
+        return []
+    return [
+        CodedWarning(
+            "W_OPTIONS_IGNORED",
+            f"{', '.join(names)}: of no effect on a volume; give the points it was made from",
+        )
+    ]

@@ -106,6 +106,16 @@ def test_a_closed_stdout_is_status_141_without_a_traceback(volatool):
     assert "Traceback" not in stderr
 
 
+def test_a_full_or_missing_stdout_is_told_in_one_line(volatool):
+    for redirect, status in ((">/dev/full", 5), (">&-", 0)):
+        line = f"{shlex.quote(sys.executable)} -m volatool_cli stats forest.laz {redirect}"
+        done = subprocess.run(
+            ["bash", "-c", line], cwd=volatool.folder, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == status, done.stderr
+        assert "Traceback" not in done.stderr
+
+
 def test_an_interrupt_is_status_130_and_leaves_nothing(volatool):
     command = [sys.executable, "-m", "volatool_cli", "convert", "town.laz", "-o", "out"]
     command += ["--chunk-points", "200", "--progress", "json"]

@@ -35,6 +35,13 @@ def test_points_and_the_volume_made_of_them_give_the_same_levels(volatool):
     assert sparse["levels"] == points["levels"][:depth] == dense["levels"]
 
 
+def test_options_that_mean_nothing_for_a_volume_are_told(volatool):
+    assert volatool("convert", "forest.laz", "-o", "out", "--no-dem", "-q").returncode == 0
+    done = volatool("stats", "out/forest.vol.gz", "--class", "2")
+    assert done.returncode == 0
+    assert done.stderr.startswith("W_OPTIONS_IGNORED: forest.vol.gz: --classes")
+
+
 def test_jsonl_csv_and_md(volatool):
     lines = volatool("stats", "town.laz", "forest.laz", "--format", "jsonl").stdout.splitlines()
     assert [json.loads(line)["input"]["name"] for line in lines] == ["town.laz", "forest.laz"]
