@@ -18,6 +18,17 @@ from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
 from volatool_cli.output import configure_logging, progress_of, say_warnings
 
+_STATUS_OF = {
+    "E_OPTION": ExitCode.USAGE,
+    "E_CUBE": ExitCode.USAGE,
+    "E_BUDGET": ExitCode.USAGE,
+    "E_OUTPUT_EXISTS": ExitCode.USAGE,
+    "E_WRITE": ExitCode.NOT_WRITTEN,
+    "E_MEMORY": ExitCode.LIMIT,
+    "E_SIZE": ExitCode.LIMIT,
+}
+"""What the status says when every input failed for such a reason."""
+
 
 def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     """
@@ -81,13 +92,8 @@ def _status(codes: Sequence[str], n_inputs: int) -> ExitCode:
     """Return the status for the codes of the inputs that failed."""
     if len(codes) < n_inputs:
         return ExitCode.SOME_FAILED
-    common = {
-        "E_WRITE": ExitCode.NOT_WRITTEN,
-        "E_MEMORY": ExitCode.LIMIT,
-        "E_SIZE": ExitCode.LIMIT,
-    }
-    first, *others = set(codes)
-    return ExitCode.ALL_FAILED if others else common.get(first, ExitCode.ALL_FAILED)
+    first, *others = {_STATUS_OF.get(code, ExitCode.ALL_FAILED) for code in codes}
+    return ExitCode.ALL_FAILED if others else first
 
 
 def convert_options(arguments: dict[str, Any]) -> ConvertOptions:

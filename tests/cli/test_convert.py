@@ -259,6 +259,14 @@ def test_odd_names_end_in_one_coded_line(volatool):
     assert done.stderr.startswith("E_")
 
 
+def test_every_failure_is_a_report_with_json(volatool):
+    done = volatool("convert", "town.laz", "-o", "out", "--cube", "10m", "--json")
+    assert (done.returncode, done.stderr.split(":")[0]) == (2, "E_CUBE")
+    report = json.loads(done.stdout)
+    jsonschema.validate(report, schema())
+    assert (report["status"], report["error"]["code"]) == ("failed", "E_CUBE")
+
+
 def test_a_dry_run_goes_on_after_a_bad_tile(volatool):
     done = volatool("convert", "gone.laz", "town.laz", "-o", "out", "--dry-run")
     assert done.returncode == 3

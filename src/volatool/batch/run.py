@@ -9,7 +9,7 @@ from pathlib import Path
 
 from volatool.batch.plan import refuse_collisions
 from volatool.classification import classify_tile, refuse_inputs
-from volatool.errors import OptionError, OutputError, ResourceError, VolatoolError
+from volatool.errors import VolatoolError
 from volatool.model import Progress
 from volatool.options import ConvertOptions
 from volatool.outputs import refuse_existing
@@ -60,9 +60,7 @@ def run_inputs(
     Raises
     ------
     OptionError
-        Outputs that exist or collide, before any work; options that fit no input.
-    OutputError, ResourceError
-        From a single input: there is no rest to go on with.
+        Outputs that exist or collide, and options that fit no input, before any work.
     """
     check_dataset(options)
     if kind != "stats":
@@ -79,9 +77,6 @@ def run_inputs(
                 yield _work(path, options, kind, outdir, overwrite, report_progress)
             continue
         except VolatoolError as error:
-            # of a single input only its own faults become a report: the rest is the caller's
-            if len(paths) == 1 and isinstance(error, (OptionError, OutputError, ResourceError)):
-                raise
             failure = error
         except Exception as error:  # a bug met on one tile must not stop a night's work
             if len(paths) == 1:
