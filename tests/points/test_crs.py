@@ -248,19 +248,24 @@ def test_a_crs_that_is_not_known(text: str) -> None:
     "text",
     [
         "EPSG:4979",
-        "EPSG:4978",
         'LOCAL_CS["site",UNIT["metre",1]]',
         "+proj=utm +zone=32 +ellps=bessel +towgs84=1,2,3,0,0,0,0 +units=us-ft",
         'ENGCRS["x",EDATUM["d"],CS[Cartesian,2],AXIS["a",unspecified],AXIS["b",unspecified],LENGTHUNIT["metre",1]]',
-        "EPSG:5703",
     ],
 )
 def test_unusual_kinds_do_not_crash(text: str) -> None:
-    """3-D, geocentric, local, bound, vertical alone."""
+    """3-D, local, bound."""
     crs = crs_from_user(text)
     assert crs.wkt2
     latlon(crs, 1.0, 2.0)
     utm_for(crs, Bounds(0, 0, 1, 1))
+
+
+@pytest.mark.parametrize(("text", "kind"), [("EPSG:4978", "geocentric"), ("EPSG:5703", "vertical")])
+def test_a_crs_that_is_no_map_is_refused(text: str, kind: str) -> None:
+    """Geocentric, or heights alone."""
+    with pytest.raises(CRSError, match=f"is {kind}"):
+        crs_from_user(text)
 
 
 def test_bound_crs_keeps_its_horizontal_part() -> None:
