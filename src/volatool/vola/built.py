@@ -96,7 +96,7 @@ class Built:
             self.counts: list[LevelCounts] = fold_levels(keys, max_depth, keep_words)
             if sums.channels:
                 self._fold_metadata(sums, scratch)
-        except BaseException:
+        except BaseException:  # Ctrl-C too: the spools' files must not stay open
             self.close()
             raise
 

@@ -57,9 +57,6 @@ class Runs:
     def _merge(self, left: Rows, right: Rows) -> Rows:
         raise NotImplementedError
 
-    def _fold(self, rows: Rows, digits: int) -> Rows:
-        raise NotImplementedError
-
     def _grown(self, rows: Rows) -> None:
         pass
 
