@@ -6,9 +6,10 @@
 The tile's ground points are mirrored side by side until the grid has as many cells as wanted, so
 that real terrain, real density and real holes grow without seams. One point in ten and square holes
 of 10 m are held out; every method gets the others and is asked for the nodes of the same grid,
-which is read bilinearly at the held-out points. Each method is a process of its own. The seconds are
-CPU seconds from points in memory to the grid (programs: from a file they can read, and back); the
-reading of the tile is not in them. GMT's `surface` and GDAL's `gdal_grid` take part where they are installed.
+which is read bilinearly at the held-out points. Each method is a process of its own. The seconds
+are CPU seconds from points in memory to the grid (programs: from a file they can read, and back);
+the reading of the tile is not in them. GMT's `surface` and GDAL's `gdal_grid` take part where they
+are installed.
 """
 
 from __future__ import annotations
