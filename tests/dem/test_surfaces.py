@@ -10,8 +10,7 @@ import pytest
 from making_dems import chunk, gather, ground, hills
 
 from volatool.dem.distance import FILLED, MEASURED, VOID, distance_cells, fill_flags, hull_spans
-from volatool.dem.surfaces import degrees_of_freedom, make_dem
-from volatool.emap.system import Springs
+from volatool.dem.surfaces import make_dem
 from volatool.errors import OptionError
 from volatool.model import CrsInfo
 from volatool.scratch import Scratch
@@ -42,9 +41,11 @@ def test_dem_follows_the_terrain():
     assert 0.02 < dem.noise_sigma < 0.04
     report = dem.to_dict()
     assert set(report["solver"]) == {
-        "method", "iterations", "relative_residual", "converged", "k_surface", "k_point"
+        "method", "iterations", "relative_residual", "converged", "k_surface", "k_point",
+        "rule", "nets",
     }  # fmt: skip
-    assert report["solver"]["k_surface"] == pytest.approx(0.02 * dem.spacing**2)
+    assert report["solver"]["rule"] == "spacing"
+    assert report["solver"]["k_surface"] == report["solver"]["nets"][0]["k_surface"]
     assert (report["surface"], report["width"]) == ("dtm", 60)
 
 
@@ -244,15 +245,6 @@ def test_hull_equals_scipy():
     found = (col >= spans[:, :1]) & (col <= spans[:, 1:])
     assert (found | ~inside).all()
     assert (found & ~inside).sum() <= 2 * 30  # cells that the hull's edge cuts
-
-
-def test_degrees_of_freedom_follow_the_closed_form():
-    """0.559 at rho = 0.05 s^2 and fine cells, cells per point for coarse ones."""
-    assert degrees_of_freedom(Springs(0.05 / 1e-4, 0.0), 0.01, 1.0) == pytest.approx(
-        0.559, abs=1e-3
-    )
-    assert degrees_of_freedom(Springs(0.05 / 1e4, 0.0), 100.0, 1.0) == pytest.approx(1e-4, rel=0.01)
-    assert degrees_of_freedom(Springs(0.0, 0.1), 100.0, 1.0) == pytest.approx(1e-4, rel=0.01)
 
 
 def test_wrong_options_are_refused():

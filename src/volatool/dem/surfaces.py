@@ -14,8 +14,9 @@ from volatool.dem.cell import CellChoice, choose_cell, mean_spacing
 from volatool.dem.distance import MEASURED, VOID, distance_cells, fill_flags
 from volatool.dem.gather import ROW, SHARE, SurfacePoints
 from volatool.dem.grid import Grid, grid_for
-from volatool.emap.solve import solve
-from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
+from volatool.emap.solve import SolveInfo, solve
+from volatool.emap.system import STRIP_CELLS, Evidence, strips
+from volatool.emap.tuning import MAX_FREEDOM, Net, Tuned, choose_springs, degrees_of_freedom
 from volatool.errors import OptionError
 from volatool.model import F64, CrsInfo, Progress, as_fraction, no_progress
 from volatool.scratch import Scratch, Spool
@@ -154,7 +155,7 @@ def make_dem(
     fill : bool
         False: heights only in measured cells.
     k_surface, k_point, ell : float, optional
-        See `Springs.emap`.
+        See `choose_springs`.
     tol_m : float
         Stop of the solver, largest estimated error in metres.
     scratch : Scratch, optional
@@ -195,56 +196,21 @@ def make_dem(
         return replace(dem, cells_void=grid.width * grid.height)
     used = _reduced(points, dem) if points.is_extreme else points
     s = mean_spacing(used, crs.metres_per_unit_xy)
-    if preset == "paper":
-        springs = Springs.paper(k_surface=k_surface, k_point=k_point)
-    else:
-        springs = Springs.emap(grid.cell, s, k_surface=k_surface, k_point=k_point, ell=ell)
+    tuned = choose_springs(
+        grid.cell, s, preset=preset, k_surface=k_surface, k_point=k_point, ell=ell
+    )
     # one more cell all round: every point then has four nodes about it
     outer = grid.padded(1)
-    evidence = _evidence(used, outer, springs, dem)
     tol = tol_m / float(crs.metres_per_unit_z or 1)
-    z, info = solve(evidence, springs, tol=tol, consume=True, progress=progress)
-    rms = math.sqrt(_residuals(used, outer, springs, z, scratch) / len(used))
+    z, solver = _solve(used, outer, tuned, dem, tol, progress)
+    rms = math.sqrt(_residuals(used, outer, tuned, z, scratch) / len(used))
     if used is not points:
         used.close()
     n_void = _finish(dem, points, z, max_gap, fill, s)
     scratch.free(z)
-    freedom = degrees_of_freedom(springs, grid.cell, s)
+    freedom = degrees_of_freedom(tuned.nets, grid.cell, s)
     sigma = rms / math.sqrt(1 - freedom) if freedom < MAX_FREEDOM else None
-    solver = info.to_dict()
-    solver["k_surface"] = springs.kb * grid.cell**2 if springs.kb else springs.km
-    solver["k_point"] = springs.weight
     return replace(dem, spacing=s, residual_rmse=rms, noise_sigma=sigma, solver=solver, **n_void)
-
-
-MAX_FREEDOM = 0.95
-"""Above this part of the points the surface follows them all, and residuals say nothing."""
-
-
-def degrees_of_freedom(springs: Springs, cell: float, spacing: float) -> float:
-    """
-    Return how many degrees of freedom the surface spends per point.
-
-    The trace of the smoother for evenly spread points: the mean of
-    ``1 / (1 + s^2 (rho k^4 + tau k^2))`` per wave number k up to the grid's own limit,
-    ``k^2 = 4 pi / cell^2``, in closed form for the stiffer of bending and stretching.
-
-    Parameters
-    ----------
-    springs : Springs
-        ``rho = kb cell^2 / w``, ``tau = km / w``.
-    cell, spacing : float
-        Edge of a cell and mean spacing s of the points, same unit.
-    """
-    density = 1 / (spacing * spacing)
-    limit = 4 * math.pi / cell**2
-    rho, tau = springs.kb * cell**2 / springs.weight, springs.km / springs.weight
-    if rho > 0:
-        root = math.sqrt(rho / density)
-        return math.atan(root * limit) / (4 * math.pi * root * density)
-    if tau > 0:
-        return math.log1p(tau / density * limit) / (4 * math.pi * tau)
-    return 1.0
 
 
 def _row_windows(shape: tuple[int, int], is_spilled: bool) -> list[tuple[int, int]]:
@@ -275,9 +241,63 @@ def _reduced(points: SurfacePoints, dem: Dem) -> SurfacePoints:
     return replace(points, spool=spool)
 
 
-def _evidence(points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem) -> Evidence:
-    """Sum the points' springs; set the DEM's counts unless `_reduced` has."""
-    from volatool.kernels import binning
+def _solve(
+    points: SurfacePoints, outer: Grid, tuned: Tuned, dem: Dem, tol: float, progress: Progress
+) -> tuple[F64, dict[str, Any]]:
+    """Solve net after net; return the sum of their heights and the report's ``dem.solver``."""
+    z: F64 | None = None
+    infos: list[SolveInfo] = []
+
+    def tell(done: int, of: int) -> None:
+        before = sum(info.iterations for info in infos)
+        progress(before + done, before + of * (len(tuned.nets) - len(infos)))
+
+    for net in tuned.nets:
+        evidence = _evidence(points, outer, net, dem, z)
+        # each net may add its error to those before
+        part, info = solve(
+            evidence, net.springs, tol=tol / len(tuned.nets), consume=True, progress=tell
+        )
+        infos.append(info)
+        if z is None:
+            z = part
+            continue
+        for start, stop in strips(*z.shape):
+            z[start:stop] += part[start:stop]
+            dem.scratch.relax(z, start, stop)
+            dem.scratch.relax(part, start, stop)
+        dem.scratch.free(part)
+    assert z is not None
+    springs = tuned.nets[0].springs
+    return z, {
+        "method": infos[0].method,
+        "iterations": sum(info.iterations for info in infos),
+        "relative_residual": max(info.relative_residual for info in infos),
+        "converged": all(info.converged for info in infos),
+        "k_surface": springs.kb * outer.cell**2 if springs.kb else springs.km,
+        "k_point": springs.weight,
+        "rule": tuned.rule,
+        "nets": [_describe(net, outer.cell) for net in tuned.nets],
+    }
+
+
+def _describe(net: Net, cell: float) -> dict[str, float | None]:
+    """Return a net's stiffness ``k = kb cell^2``, ``ell = sqrt(k / km)`` and length of tether."""
+    stiffness = net.springs.kb * cell**2
+    ell = math.sqrt(stiffness / net.springs.km) if stiffness and net.springs.km else None
+    tether = (stiffness * cell**2 / net.tether) ** 0.25 if net.tether else None
+    return {"k_surface": stiffness or net.springs.km, "ell": ell, "tether": tether}
+
+
+def _evidence(
+    points: SurfacePoints, outer: Grid, net: Net, dem: Dem, before: F64 | None
+) -> Evidence:
+    """
+    Sum the springs of the points, of their heights above the nets before.
+
+    The first time (`before` is None) it also sets the DEM's counts, unless `_reduced` has.
+    """
+    from volatool.kernels import binning, spring
 
     evidence = Evidence(outer.height, outer.width, dem.scratch)
     zero = _zero(points)
@@ -285,13 +305,22 @@ def _evidence(points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem) ->
         for rows in points.pieces():
             col, row = outer.places(rows, points.scale, points.offset)
             heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
-            evidence.add(col, row, heights, springs, (first, last))
-            if not points.is_extreme:
+            if before is not None:
+                fit = np.zeros(len(rows))
+                # points that pull on the window's first row may lie in the row above
+                top = max(first - 1, 0)
+                spring.interpolate(before, col, row, net.springs.is_nearest, top, last, fit)
+                heights -= fit
+                dem.scratch.relax(before)
+            evidence.add(col, row, heights, net.springs, (first, last))
+            if before is None and not points.is_extreme:
                 # the DEM's rows in this window: its row r is row r + 1 of the outer grid
                 low, high = max(first - 1, 0), last - 1 if last < outer.height else last
                 binning.count(col - 1.0, row - 1.0, low, high, dem.count)
         evidence.relax(first, last)
         dem.scratch.relax(dem.count)
+    if net.tether:
+        evidence.tether(net.tether)
     return evidence
 
 
@@ -300,9 +329,7 @@ def _zero(points: SurfacePoints) -> np.int64:
     return np.int64(sum(points.z_range) // 2)
 
 
-def _residuals(
-    points: SurfacePoints, outer: Grid, springs: Springs, z: F64, scratch: Scratch
-) -> float:
+def _residuals(points: SurfacePoints, outer: Grid, tuned: Tuned, z: F64, scratch: Scratch) -> float:
     """Sum of squares of point minus surface."""
     from volatool.kernels import spring
 
@@ -313,7 +340,7 @@ def _residuals(
         col, row = outer.places(rows, points.scale, points.offset)
         fit = np.empty(len(rows))
         for first, last in windows:
-            spring.interpolate(z, col, row, springs.is_nearest, first, last, fit)
+            spring.interpolate(z, col, row, tuned.springs.is_nearest, first, last, fit)
             scratch.relax(z, first, last)
         fit -= (rows[:, 2] - zero) * points.scale[2]
         sums.append(float(np.sum(np.square(fit))))

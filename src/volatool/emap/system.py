@@ -205,6 +205,12 @@ class Evidence:
             last,
         )
 
+    def tether(self, stiffness: float) -> None:
+        """Add a spring at each node that pulls it to height 0."""
+        for start, stop in strips(*self.shape):
+            self.data[start:stop, 0] += stiffness
+            self.scratch.relax(self.data, start, stop)
+
     def __iadd__(self, other: Evidence) -> Evidence:
         self.data += other.data
         self.right += other.right
