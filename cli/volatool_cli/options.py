@@ -153,10 +153,10 @@ dem = group(
     ),
     click.option(
         "--surface",
-        type=click.Choice(["auto", "dtm", "dsm", "min", "max"]),
+        type=click.Choice(["auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin"]),
         default="auto",
         show_default="auto: dtm of ground-class points, else of the ground filter's",
-        help="Which points make the surface.",
+        help="Which points make the surface; from min on plain baselines without EMap.",
     ),
     click.option(
         "--max-gap", type=LengthType(), help="Fill no cell farther than this from a measured one."

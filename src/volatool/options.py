@@ -222,7 +222,7 @@ class ConvertOptions:
         allowed: dict[str, tuple[str | None, ...]] = {
             "returns": ("all", "first", "last"),
             "dense": ("auto", "always", "never"),
-            "surface": ("auto", "dtm", "dsm", "min", "max"),
+            "surface": ("auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin"),
             "preset": ("emap", "paper"),
             "compat": (None, "toolkit"),
         }

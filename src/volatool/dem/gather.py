@@ -18,7 +18,10 @@ from volatool.errors import CodedWarning, InputError, OptionError
 from volatool.model import CrsInfo, PointChunk, as_fraction
 from volatool.scratch import Scratch, Spool
 
-SURFACES = ("auto", "dtm", "dsm", "min", "max")
+SURFACES = ("auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin")
+BARE = ("auto", "dtm", "idw", "tin")
+"""Surfaces of the ground."""
+
 GROUND = 2
 ROW = np.dtype((np.int32, (3,)))
 """A point in a spool: stored x, y, z."""
@@ -35,10 +38,10 @@ class SurfacePoints:
     Parameters
     ----------
     name : str
-        ``"dtm"``, ``"dsm"``, ``"min"`` or ``"max"``.
+        One of `SURFACES`, but never ``"auto"``.
     ground_source : str
         ``"class 2"``, ``"ground filter"``, ``"first returns"``, ``"lowest point per cell"``,
-        ``"highest point per cell"``.
+        ``"highest point per cell"``, ``"mean of the points per cell"``.
     spool : Spool
         Rows of int32 x, y, z in file order.
     scale, offset : tuple of 3 float
@@ -63,11 +66,6 @@ class SurfacePoints:
 
     def __len__(self) -> int:
         return len(self.spool)
-
-    @property
-    def is_extreme(self) -> bool:
-        """Only one point per cell goes into the surface."""
-        return self.name in ("min", "max")
 
     @property
     def box(self) -> tuple[Fraction, Fraction, Fraction, Fraction] | None:
@@ -98,8 +96,8 @@ class SurfaceGatherer:
     Parameters
     ----------
     surface : str
-        ``auto`` and ``dtm`` (ground-class points when there are any, else those that the ground
-        filter keeps), ``dsm`` (first returns), ``min``, ``max`` (lowest, highest point per cell).
+        ``auto``, ``dtm``, ``idw``, ``tin`` (ground-class points when there are any, else those that
+        the ground filter keeps), ``dsm`` (first returns), ``min``, ``max``, ``mean`` (all).
     scratch : Scratch
         Where points wait.
     dimensions : iterable of str
@@ -121,7 +119,7 @@ class SurfaceGatherer:
     @property
     def attributes(self) -> frozenset[str]:
         """Attributes that the chunks must bring, of those the file has."""
-        wanted = {"auto": "classification", "dtm": "classification", "dsm": "return_number"}
+        wanted = {**dict.fromkeys(BARE, "classification"), "dsm": "return_number"}
         return self.dimensions & {wanted.get(self.surface, "")}
 
     def add(self, chunk: PointChunk) -> None:
@@ -147,7 +145,7 @@ class SurfaceGatherer:
 
     def _mask(self, chunk: PointChunk) -> NDArray[np.bool_] | None:
         """Points that the surface is made from; None for all of them."""
-        if self.surface in ("auto", "dtm"):
+        if self.surface in BARE:
             classes = chunk.attributes.get("classification")
             ground = None if classes is None else classes == GROUND
             if not self._has_ground and ground is not None and ground.any():
@@ -191,18 +189,18 @@ class SurfaceGatherer:
         InputError
             ``E_NO_GROUND``: no point has the ground class and the ground filter keeps none.
         """
-        is_bare = self.surface in ("auto", "dtm")
+        is_bare = self.surface in BARE
         sources = {
-            "dtm": "class 2",
             "dsm": "first returns",
             "min": "lowest point per cell",
             "max": "highest point per cell",
+            "mean": "mean of the points per cell",
         }
-        name = "dtm" if is_bare else self.surface
+        name = "dtm" if self.surface == "auto" else self.surface
         scale, offset = self._scaling or ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
         points = SurfacePoints(
             name,
-            sources[name],
+            sources.get(name, "class 2"),
             self.spool,
             scale,
             offset,

@@ -10,15 +10,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.dem.baselines import BASELINES, fill_baseline
 from volatool.dem.cell import CellChoice, choose_cell, mean_spacing
 from volatool.dem.distance import MEASURED, VOID, distance_cells, fill_flags
-from volatool.dem.gather import ROW, SHARE, SurfacePoints
+from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid, grid_for
 from volatool.emap.solve import solve
 from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
 from volatool.errors import OptionError
 from volatool.model import F64, CrsInfo, Progress, as_fraction, no_progress
-from volatool.scratch import Scratch, Spool
+from volatool.scratch import Scratch
 
 NODATA = -9999.0
 """What stands in files for a void cell; in memory it is NaN."""
@@ -43,7 +44,7 @@ class Dem:
     flag : (h, w) array of uint8
         0 void, 1 measured (a point of the surface is in the cell), 2 filled.
     count : (h, w) array of uint32
-        Points of the surface in each cell (all of them, also where only one was used).
+        Points of the surface in each cell .
     grid : Grid
         Where the cells are.
     crs : CrsInfo
@@ -193,28 +194,35 @@ def make_dem(
     if not len(points):
         dem.z[:] = np.nan
         return replace(dem, cells_void=grid.width * grid.height)
-    used = _reduced(points, dem) if points.is_extreme else points
-    s = mean_spacing(used, crs.metres_per_unit_xy)
+    gap = gap_cells(crs, grid.cell, max_gap)
+    if points.name in BASELINES:
+        return fill_baseline(dem, points, gap, fill)
+    s = mean_spacing(points, crs.metres_per_unit_xy)
     if preset == "paper":
         springs = Springs.paper(k_surface=k_surface, k_point=k_point)
     else:
         springs = Springs.emap(grid.cell, s, k_surface=k_surface, k_point=k_point, ell=ell)
     # one more cell all round: every point then has four nodes about it
     outer = grid.padded(1)
-    evidence = _evidence(used, outer, springs, dem)
+    evidence = _evidence(points, outer, springs, dem)
     tol = tol_m / float(crs.metres_per_unit_z or 1)
     z, info = solve(evidence, springs, tol=tol, consume=True, progress=progress)
-    rms = math.sqrt(_residuals(used, outer, springs, z, scratch) / len(used))
-    if used is not points:
-        used.close()
-    n_void = _finish(dem, points, z, max_gap, fill, s)
+    rms = math.sqrt(_residuals(points, outer, springs, z, scratch) / len(points))
+    n_void = _finish(dem, points, z, gap, fill, s)
     scratch.free(z)
     freedom = degrees_of_freedom(springs, grid.cell, s)
     sigma = rms / math.sqrt(1 - freedom) if freedom < MAX_FREEDOM else None
     solver = info.to_dict()
     solver["k_surface"] = springs.kb * grid.cell**2 if springs.kb else springs.km
     solver["k_point"] = springs.weight
+    solver["ell"] = grid.cell * math.sqrt(springs.kb / springs.km) if springs.kb else None
     return replace(dem, spacing=s, residual_rmse=rms, noise_sigma=sigma, solver=solver, **n_void)
+
+
+def gap_cells(crs: CrsInfo, cell: float, max_gap: float | None) -> float:
+    """Return ``max_gap``, given in the horizontal unit or its default, in cells."""
+    default = max(MAX_GAP_M / float(crs.metres_per_unit_xy or 1), MAX_GAP_CELLS * cell)
+    return (default if max_gap is None else max_gap) / cell
 
 
 MAX_FREEDOM = 0.95
@@ -253,30 +261,8 @@ def _row_windows(shape: tuple[int, int], is_spilled: bool) -> list[tuple[int, in
     return list(strips(height, width, 4 * STRIP_CELLS if is_spilled else height * width))
 
 
-def _reduced(points: SurfacePoints, dem: Dem) -> SurfacePoints:
-    """Lowest or highest point of each cell, in cell order; sets the DEM's counts."""
-    from volatool.kernels import binning
-
-    scratch, shape = dem.scratch, dem.count.shape
-    before = scratch.spilled_bytes
-    best = scratch.zeros((*shape, 3), np.int32)
-    windows = _row_windows(dem.count.shape, scratch.spilled_bytes > before)
-    sign = 1 if points.name == "min" else -1
-    spool = Spool(scratch, ROW, SHARE)
-    for first, last in windows:
-        for rows in points.pieces():
-            col, row = dem.grid.places(rows, points.scale, points.offset)
-            binning.extreme(rows, col, row, sign, first, last, best, dem.count)
-        for start, stop in strips(last - first, shape[1]):
-            spool.append(binning.take_extremes(best, dem.count, first + start, first + stop))
-        scratch.relax(best, first, last)
-        scratch.relax(dem.count, first, last)
-    scratch.free(best)
-    return replace(points, spool=spool)
-
-
 def _evidence(points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem) -> Evidence:
-    """Sum the points' springs; set the DEM's counts unless `_reduced` has."""
+    """Sum the points' springs; set the DEM's counts."""
     from volatool.kernels import binning
 
     evidence = Evidence(outer.height, outer.width, dem.scratch)
@@ -286,10 +272,9 @@ def _evidence(points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem) ->
             col, row = outer.places(rows, points.scale, points.offset)
             heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
             evidence.add(col, row, heights, springs, (first, last))
-            if not points.is_extreme:
-                # the DEM's rows in this window: its row r is row r + 1 of the outer grid
-                low, high = max(first - 1, 0), last - 1 if last < outer.height else last
-                binning.count(col - 1.0, row - 1.0, low, high, dem.count)
+            # the DEM's rows in this window: its row r is row r + 1 of the outer grid
+            low, high = max(first - 1, 0), last - 1 if last < outer.height else last
+            binning.count(col - 1.0, row - 1.0, low, high, dem.count)
         evidence.relax(first, last)
         dem.scratch.relax(dem.count)
     return evidence
@@ -321,7 +306,7 @@ def _residuals(
 
 
 def _finish(
-    dem: Dem, points: SurfacePoints, z: F64, max_gap: float | None, fill: bool, spacing: float
+    dem: Dem, points: SurfacePoints, z: F64, gap: float, fill: bool, spacing: float
 ) -> dict[str, Any]:
     """Set flags and heights; return the counts and the range."""
     scratch, grid = dem.scratch, dem.grid
@@ -330,10 +315,7 @@ def _finish(
         scratch.relax(dem.count, start, stop)
         scratch.relax(dem.flag, start, stop)
     if fill:
-        gap = max(MAX_GAP_M / float(dem.crs.metres_per_unit_xy or 1), MAX_GAP_CELLS * grid.cell)
-        gap = gap if max_gap is None else max_gap
-        margin = 2 * max(1.0, spacing / grid.cell)
-        fill_flags(dem.flag, gap / grid.cell, margin, scratch)
+        fill_flags(dem.flag, gap, 2 * max(1.0, spacing / grid.cell), scratch)
     base = float(_zero(points)) * points.scale[2] + points.offset[2]
     low, high = math.inf, -math.inf
     counts = np.zeros(3, np.int64)
