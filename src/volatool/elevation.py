@@ -20,6 +20,8 @@ from volatool.scratch import Scratch
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfaceGatherer, SurfacePoints
     from volatool.dem.geotiff import Layer
+    from volatool.dem.grid import Grid
+    from volatool.dem.parameters import Parameters
     from volatool.dem.surfaces import Dem
     from volatool.points.source import Source
 
@@ -76,13 +78,21 @@ def make_elevation(
         Gives the path of an output for its suffix.
     """
     from volatool.dem import geotiff
+    from volatool.dem.crop import crop
+    from volatool.dem.neighbours import seam_warning
+    from volatool.dem.placing import grids_of, seam_of, shared_springs
 
-    points = surface.result(source.crs)
+    springs = shared_springs(options, source.crs)
+    seam = seam_of(surface, source, options, scratch)
+    points = surface.result(source.crs) if seam is None else seam.points
     if points.extent is None:
         header, extent = source.header, (box[0], box[1], box[3], box[4])
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
-    dem = _dem(points, source, options, scratch)
+    own, wide = grids_of(points, source, options) if seam is None else (seam.own, seam.grid)
+    dem = _dem(points, source, options, scratch, springs, wide)
     points.close()
+    if own is not None:
+        dem = crop(dem, own)
     resources.drop_library_code()
     tags = {"SOURCE": readable(source.name), "OPTIONS": dumps(options.given())}
     path = target(".dem.tif")
@@ -94,7 +104,11 @@ def make_elevation(
         layers[layer] = layer_path.name
     document = {"path": path.name, **dem.to_dict(), "holdout": None, "layers": layers}
     document["solver"] = document["solver"] or None  # no points: nothing was solved
-    return ElevationPart(dem, document, (*points.warnings, *_solver_warnings(dem)))
+    warnings = [*points.warnings, *_solver_warnings(dem)]
+    if seam is not None:
+        document["buffer"] = seam.document
+        warnings += [*seam.warnings, *seam_warning(options, dem.surface, springs is not None)]
+    return ElevationPart(dem, document, tuple(warnings))
 
 
 def _solver_warnings(dem: Dem) -> list[CodedWarning]:
@@ -110,7 +124,14 @@ def _solver_warnings(dem: Dem) -> list[CodedWarning]:
     ]
 
 
-def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch: Scratch) -> Dem:
+def _dem(
+    points: SurfacePoints,
+    source: Source,
+    options: ConvertOptions,
+    scratch: Scratch,
+    springs: Parameters | None,
+    grid: Grid | None,
+) -> Dem:
     """Return the model, lengths converted to the unit of the CRS."""
     from volatool.dem.surfaces import make_dem
 
@@ -122,11 +143,13 @@ def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch
         "auto" if isinstance(cell, str) else cell.in_units(unit),
         max_gap=None if gap is None else float(gap.in_units(unit)),
         fill=options.fill,
-        k_surface=options.k_surface,
-        k_point=options.k_point,
+        k_surface=options.k_surface if springs is None else springs.k_surface,
+        k_point=options.k_point if springs is None else springs.k_point,
+        ell=None if springs is None else springs.ell,
         tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
         scratch=scratch,
         preset=options.preset,
+        grid=grid,
     )
     logger.info(
         "%s: %s of %d x %d cells of %g, %s iterations",

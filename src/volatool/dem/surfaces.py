@@ -137,6 +137,7 @@ def make_dem(
     scratch: Scratch | None = None,
     progress: Progress = no_progress,
     preset: str = "emap",
+    grid: Grid | None = None,
 ) -> Dem:
     """
     Make a DEM.
@@ -164,6 +165,8 @@ def make_dem(
         Told the solver's iterations.
     preset : str
         ``"emap"`` or ``"paper"`` (stretching springs only, points pull on the nearest node).
+    grid : Grid, optional
+        Cells to make, whatever `cell` and the points' box say; points outside don't count.
 
     Returns
     -------
@@ -176,9 +179,11 @@ def make_dem(
         if value is not None and not value > 0:
             raise OptionError(f"{name} must be greater than zero, got {value}")
     scratch = Scratch() if scratch is None else scratch
-    choice = choose_cell(points, crs.metres_per_unit_xy) if cell == "auto" else None
-    edge = as_fraction(cell) if choice is None else choice.cell  # type: ignore[arg-type]
-    grid = grid_for(points.box or (Fraction(0),) * 4, edge)
+    choice = None
+    if grid is None:
+        choice = choose_cell(points, crs.metres_per_unit_xy) if cell == "auto" else None
+        edge = as_fraction(cell) if choice is None else choice.cell  # type: ignore[arg-type]
+        grid = grid_for(points.box or (Fraction(0),) * 4, edge)
     shape = (grid.height, grid.width)
     dem = Dem(
         scratch.zeros(shape, np.float32),
