@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from volatool.dem.grid import Grid
     from volatool.dem.parameters import Parameters
     from volatool.dem.surfaces import Dem
-    from volatool.points.source import Source
+    from volatool.points.source import Named, Source
 
 logger = logging.getLogger(__name__)
 
@@ -77,7 +77,6 @@ def make_elevation(
     target : callable
         Gives the path of an output for its suffix.
     """
-    from volatool.dem import geotiff
     from volatool.dem.crop import crop
     from volatool.dem.neighbours import seam_warning
     from volatool.dem.placing import grids_of, seam_of, shared_springs
@@ -89,12 +88,46 @@ def make_elevation(
         header, extent = source.header, (box[0], box[1], box[3], box[4])
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
     own, wide = grids_of(points, source, options) if seam is None else (seam.own, seam.grid)
-    dem = _dem(points, source, options, scratch, springs, wide)
+    dem = dem_of(points, source, options, scratch, springs, wide)
     points.close()
     if own is not None:
         dem = crop(dem, own)
     resources.drop_library_code()
-    tags = {"SOURCE": readable(source.name), "OPTIONS": dumps(options.given())}
+    document = write_elevation(dem, source.name, options, outputs, target)
+    warnings = [*points.warnings, *solver_warnings(dem)]
+    if seam is not None:
+        document["buffer"] = seam.document
+        warnings += [*seam.warnings, *seam_warning(options, dem.surface, springs is not None)]
+    return ElevationPart(dem, document, tuple(warnings))
+
+
+def write_elevation(
+    dem: Dem,
+    name: str,
+    options: ConvertOptions,
+    outputs: OutputSet,
+    target: Callable[[str], Path],
+) -> dict[str, Any]:
+    """
+    Write a model with its layers.
+
+    Parameters
+    ----------
+    dem : Dem
+        The model.
+    name : str
+        Of the input.
+    options, outputs, target
+        As for `make_elevation`.
+
+    Returns
+    -------
+    document : dict
+        The report's ``dem``.
+    """
+    from volatool.dem import geotiff
+
+    tags = {"SOURCE": readable(name), "OPTIONS": dumps(options.given())}
     path = target(".dem.tif")
     geotiff.write_dem(outputs.add(path), dem, tags=tags)
     layers = {}
@@ -104,14 +137,10 @@ def make_elevation(
         layers[layer] = layer_path.name
     document = {"path": path.name, **dem.to_dict(), "holdout": None, "layers": layers}
     document["solver"] = document["solver"] or None  # no points: nothing was solved
-    warnings = [*points.warnings, *_solver_warnings(dem)]
-    if seam is not None:
-        document["buffer"] = seam.document
-        warnings += [*seam.warnings, *seam_warning(options, dem.surface, springs is not None)]
-    return ElevationPart(dem, document, tuple(warnings))
+    return document
 
 
-def _solver_warnings(dem: Dem) -> list[CodedWarning]:
+def solver_warnings(dem: Dem) -> list[CodedWarning]:
     """Say when the solver gave up before its tolerance was met."""
     if dem.solver.get("converged", True):
         return []
@@ -124,15 +153,32 @@ def _solver_warnings(dem: Dem) -> list[CodedWarning]:
     ]
 
 
-def _dem(
+def dem_of(
     points: SurfacePoints,
-    source: Source,
+    source: Named,
     options: ConvertOptions,
     scratch: Scratch,
     springs: Parameters | None,
     grid: Grid | None,
 ) -> Dem:
-    """Return the model, lengths converted to the unit of the CRS."""
+    """
+    Return the model, lengths converted to the unit of the CRS.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        With an extent.
+    source : Source, or what has its name and CRS
+        Where the points are from.
+    options : ConvertOptions
+        What is asked for.
+    scratch : Scratch
+        Memory budget.
+    springs : Parameters or None
+        Stiffness, if it is given for a set.
+    grid : Grid or None
+        Cells, if they don't follow from the points.
+    """
     from volatool.dem.surfaces import make_dem
 
     unit = source.crs.metres_per_unit_xy

@@ -59,7 +59,7 @@ def test_the_model_has_the_rasters_cells(tile):
     row, col = np.mgrid[:20, :30]
     x, y = LEFT + CELL * (col + 0.5), TOP - CELL * (row + 0.5)
     truth = 10 + x / 10 + 2 * np.sin(y / 7) + 0.095
-    assert np.abs(dem.z - truth).max() < 0.15
+    assert np.abs(dem.z - truth).max() < 0.25
 
 
 def test_the_part_equals_the_whole(tile):

@@ -14,7 +14,7 @@ from volatool.dem.surfaces import gap_cells
 from volatool.errors import InputError
 from volatool.model import CrsInfo
 from volatool.options import ConvertOptions
-from volatool.points.source import Source
+from volatool.points.source import Named, Source
 from volatool.scratch import Scratch
 
 
@@ -42,7 +42,7 @@ def seam_of(
     """
     if not options.neighbours or surface.box is None:
         return None
-    own = _own_grid(surface.box, source, options)
+    own = own_grid(surface.box, source, options)
     assert own is not None, "a cell that the options were checked for"
     gap, unit = options.max_gap, source.crs.metres_per_unit_xy
     cells = gap_cells(source.crs, own.cell, None if gap is None else float(gap.in_units(unit)))
@@ -50,7 +50,7 @@ def seam_of(
 
 
 def grids_of(
-    points: SurfacePoints, source: Source, options: ConvertOptions
+    points: SurfacePoints, source: Named, options: ConvertOptions
 ) -> tuple[Grid | None, Grid | None]:
     """
     Return the cells to write and those to solve for; None where they follow from the points.
@@ -65,7 +65,7 @@ def grids_of(
         ``cell``, ``like``, ``params_from``.
     """
     box = points.box
-    own = None if box is None else _own_grid(box, source, options)
+    own = None if box is None else own_grid(box, source, options)
     if own is None or box is None or options.like is None:
         return own, own
     # points just outside bear on the surface inside
@@ -90,8 +90,19 @@ def shared_springs(options: ConvertOptions, crs: CrsInfo) -> Parameters | None:
     return springs
 
 
-def _own_grid(box: Box, source: Source, options: ConvertOptions) -> Grid | None:
-    """Return the tile's cells; None when they follow from its points."""
+def own_grid(box: Box, source: Named, options: ConvertOptions) -> Grid | None:
+    """
+    Return a tile's cells; None when they follow from its points.
+
+    Parameters
+    ----------
+    box : tuple of 4 Fraction
+        Of its points.
+    source : Named
+        The tile.
+    options : ConvertOptions
+        ``cell``, ``like``, ``params_from``.
+    """
     if options.like is not None:
         grid = grid_like(Path(options.like), source.crs)
         left, bottom, right, top = sides_of(grid)
