@@ -20,8 +20,10 @@ from volatool.scratch import Scratch
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfaceGatherer, SurfacePoints
     from volatool.dem.geotiff import Layer
+    from volatool.dem.grid import Grid
+    from volatool.dem.parameters import Parameters
     from volatool.dem.surfaces import Dem
-    from volatool.points.source import Source
+    from volatool.points.source import Named, Source
 
 logger = logging.getLogger(__name__)
 
@@ -75,16 +77,57 @@ def make_elevation(
     target : callable
         Gives the path of an output for its suffix.
     """
-    from volatool.dem import geotiff
+    from volatool.dem.crop import crop
+    from volatool.dem.neighbours import seam_warning
+    from volatool.dem.placing import grids_of, seam_of, shared_parameters
 
-    points = surface.result(source.crs)
+    shared = shared_parameters(options, source.crs)
+    seam = seam_of(surface, source, options, scratch)
+    points = surface.result(source.crs) if seam is None else seam.points
     if points.extent is None:
         header, extent = source.header, (box[0], box[1], box[3], box[4])
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
-    dem = _dem(points, source, options, scratch)
+    own, wide = grids_of(points, source, options) if seam is None else (seam.own, seam.grid)
+    dem = dem_of(points, source, options, scratch, shared, wide)
     points.close()
+    if own is not None:
+        dem = crop(dem, own)
     resources.drop_library_code()
-    tags = {"SOURCE": readable(source.name), "OPTIONS": dumps(options.given())}
+    document = write_elevation(dem, source.name, options, outputs, target)
+    warnings = [*points.warnings, *solver_warnings(dem)]
+    if seam is not None:
+        document["buffer"] = seam.document
+        warnings += [*seam.warnings, *seam_warning(options, dem.surface, shared is not None)]
+    return ElevationPart(dem, document, tuple(warnings))
+
+
+def write_elevation(
+    dem: Dem,
+    name: str,
+    options: ConvertOptions,
+    outputs: OutputSet,
+    target: Callable[[str], Path],
+) -> dict[str, Any]:
+    """
+    Write a model with its layers.
+
+    Parameters
+    ----------
+    dem : Dem
+        The model.
+    name : str
+        Of the input.
+    options, outputs, target
+        As for `make_elevation`.
+
+    Returns
+    -------
+    document : dict
+        The report's ``dem``.
+    """
+    from volatool.dem import geotiff
+
+    tags = {"SOURCE": readable(name), "OPTIONS": dumps(options.given())}
     path = target(".dem.tif")
     geotiff.write_dem(outputs.add(path), dem, tags=tags)
     layers = {}
@@ -94,10 +137,10 @@ def make_elevation(
         layers[layer] = layer_path.name
     document = {"path": path.name, **dem.to_dict(), "holdout": None, "layers": layers}
     document["solver"] = document["solver"] or None  # no points: nothing was solved
-    return ElevationPart(dem, document, (*points.warnings, *_solver_warnings(dem)))
+    return document
 
 
-def _solver_warnings(dem: Dem) -> list[CodedWarning]:
+def solver_warnings(dem: Dem) -> list[CodedWarning]:
     """Say when the solver gave up before its tolerance was met."""
     if dem.solver.get("converged", True):
         return []
@@ -110,8 +153,32 @@ def _solver_warnings(dem: Dem) -> list[CodedWarning]:
     ]
 
 
-def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch: Scratch) -> Dem:
-    """Return the model, lengths converted to the unit of the CRS."""
+def dem_of(
+    points: SurfacePoints,
+    source: Named,
+    options: ConvertOptions,
+    scratch: Scratch,
+    shared: Parameters | None,
+    grid: Grid | None,
+) -> Dem:
+    """
+    Return the model, lengths converted to the unit of the CRS.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        With an extent.
+    source : Source, or what has its name and CRS
+        Where the points are from.
+    options : ConvertOptions
+        What is asked for.
+    scratch : Scratch
+        Memory budget.
+    shared : Parameters or None
+        What the tiles of a set have in common, if that is given.
+    grid : Grid or None
+        Cells, if they don't follow from the points.
+    """
     from volatool.dem.surfaces import make_dem
 
     unit = source.crs.metres_per_unit_xy
@@ -124,9 +191,11 @@ def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch
         fill=options.fill,
         k_surface=options.k_surface,
         k_point=options.k_point,
+        spacing=None if shared is None else shared.spacing,
         tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
         scratch=scratch,
         preset=options.preset,
+        grid=grid,
     )
     logger.info(
         "%s: %s of %d x %d cells of %g, %s iterations",

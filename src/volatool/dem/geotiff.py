@@ -29,7 +29,7 @@ from volatool._version import __version__
 from volatool.dem.grid import MAX_CELLS, Grid
 from volatool.dem.statistics import RasterStatistics
 from volatool.dem.surfaces import NODATA, Dem
-from volatool.errors import FormatError, InputNotFoundError, OutputError
+from volatool.errors import FormatError, InputNotFoundError, OutputError, ResourceError
 
 BLOCK = 512
 """Edge of a tile of the file."""
@@ -47,6 +47,9 @@ _DESCRIPTIONS = {
     "dsm": "elevation, first returns",
     "min": "elevation, lowest point per cell",
     "max": "elevation, highest point per cell",
+    "mean": "elevation, mean of the points per cell",
+    "idw": "elevation, bare earth, inverse distances",
+    "tin": "elevation, bare earth, linear on triangles",
     "flag": "0 void, 1 measured, 2 filled",
     "count": "points of the surface per cell",
     "distance": "distance to the nearest measured cell",
@@ -306,6 +309,42 @@ def read_dem(path: Path) -> DemFile:
             file.tags(),
             _statistics(file.tags(1)),
         )
+
+
+def read_grid(path: Path) -> tuple[Grid, str | None]:
+    """
+    Return the cells of a raster without reading them, and its CRS.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A GeoTIFF with square cells, north up.
+
+    Returns
+    -------
+    grid, wkt : Grid, str or None
+
+    Raises
+    ------
+    InputNotFoundError, FormatError
+        Not there; not such a file.
+    """
+    import rasterio
+
+    if not path.exists():
+        raise InputNotFoundError(f"{path}: no such file")
+    with _gdal(path, is_output=False), rasterio.open(path) as file:
+        t = file.transform
+        if t.b or t.d or not t.a > 0 or not math.isclose(t.a, -t.e) or t.is_identity:
+            raise FormatError(f"{path}: not a raster with a place, square cells and north up")
+        if file.width * file.height > MAX_CELLS:
+            raise ResourceError(
+                f"{path}: has {file.width} x {file.height} cells, more than any model of volatool "
+                "may have",
+                "E_SIZE",
+            )
+        wkt = file.crs.to_wkt(version="WKT2_2019") if file.crs else None
+        return Grid(t.c, t.f, t.a, file.width, file.height), wkt
 
 
 def read_profile(path: Path) -> dict[str, Any]:
