@@ -16,6 +16,7 @@ from volatool_cli.params import (
     LengthType,
     SizeType,
     WordsType,
+    joined,
 )
 
 
@@ -33,8 +34,22 @@ nul_names = click.option(
 )
 
 of_class = group(
-    click.option("--class", "classes", type=CodesType(), help="Use only these class codes: 2,9."),
-    click.option("--exclude-class", "exclude_classes", type=CodesType(), help="Leave these out."),
+    click.option(
+        "--class",
+        "classes",
+        type=CodesType(),
+        multiple=True,
+        callback=joined,
+        help="Use only these class codes: 2,9.",
+    ),
+    click.option(
+        "--exclude-class",
+        "exclude_classes",
+        type=CodesType(),
+        multiple=True,
+        callback=joined,
+        help="Leave these out.",
+    ),
     click.option(
         "--returns",
         type=click.Choice(["all", "first", "last"]),

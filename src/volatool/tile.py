@@ -15,7 +15,7 @@ from volatool.census import box_corners
 from volatool.cube import Cube
 from volatool.elevation import make_elevation
 from volatool.encodings import output_stream
-from volatool.errors import CodedWarning, CRSError, FormatError
+from volatool.errors import CodedWarning, CRSError, FormatError, InputError, ResourceError
 from volatool.model import Bounds, Progress, no_progress
 from volatool.naming import VOLUME_SUFFIXES, stem
 from volatool.options import ConvertOptions
@@ -337,15 +337,20 @@ class _Tile:
         dem = None
         resources.drop_library_code()
         if surface is not None and scan.census.box is not None:
-            made = make_elevation(
-                surface,
-                scan.census.box,
-                self.source,
-                self.options,
-                self.scratch,
-                self.outputs,
-                self.target,
-            )
+            try:
+                made = make_elevation(
+                    surface,
+                    scan.census.box,
+                    self.source,
+                    self.options,
+                    self.scratch,
+                    self.outputs,
+                    self.target,
+                )
+            except (InputError, ResourceError) as error:
+                if self.kind == "convert":  # nothing half-written: the volume goes too
+                    error.args = (f"{error}; --no-dem leaves the elevation model out",)
+                raise
             dem = made.dem
             self.warnings += made.warnings
             report = replace(report, dem=made.document)

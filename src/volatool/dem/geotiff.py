@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -30,6 +31,7 @@ from volatool.dem.grid import MAX_CELLS, Grid
 from volatool.dem.statistics import RasterStatistics
 from volatool.dem.surfaces import NODATA, Dem
 from volatool.errors import FormatError, InputNotFoundError, OutputError, ResourceError
+from volatool.scratch import no_space
 
 BLOCK = 512
 """Edge of a tile of the file."""
@@ -175,8 +177,26 @@ def _profile(
     }
 
 
+LEAST_FREE_BYTES = 1 << 20
+"""With less room than this in a folder after a failed write, the folder was full."""
+
+
 @contextlib.contextmanager
-def _gdal(path: Path, is_output: bool) -> Iterator[None]:
+def _temporary_folder(directory: Path | None) -> Iterator[Path]:
+    """Make a folder for GDAL's temporary files."""
+    where = directory or Path(tempfile.gettempdir())
+    try:
+        folder = tempfile.TemporaryDirectory(
+            prefix="volatool-", dir=directory, ignore_cleanup_errors=True
+        )
+    except OSError as error:
+        raise no_space(where, error.strerror or str(error)) from error
+    with folder as name:
+        yield Path(name)
+
+
+@contextlib.contextmanager
+def _gdal(path: Path, is_output: bool, temporary: Path | None = None) -> Iterator[None]:
     """Quiet, small and single-threaded GDAL; its errors become ours."""
     import rasterio
     from rasterio._err import CPLE_BaseError
@@ -187,7 +207,7 @@ def _gdal(path: Path, is_output: bool) -> Iterator[None]:
         "GDAL_NUM_THREADS": "1",
         "GDAL_PAM_ENABLED": "NO",
         "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
-        "CPL_TMPDIR": tempfile.gettempdir(),
+        "CPL_TMPDIR": str(temporary or tempfile.gettempdir()),
     }
     try:
         with rasterio.Env(**options):
@@ -200,9 +220,15 @@ def _gdal(path: Path, is_output: bool) -> Iterator[None]:
     except (RasterioError, CRSError, CPLE_BaseError, OSError) as error:
         if isinstance(error, (OutputError, FormatError)):
             raise
+        if temporary is not None and _is_full(temporary) and not _is_full(path.parent):
+            raise no_space(temporary.parent, "it is full") from error
         if is_output:
             raise OutputError(f"{path}: can't be written ({error})") from error
         raise FormatError(f"{path}: not a readable GeoTIFF ({error})") from error
+
+
+def _is_full(folder: Path) -> bool:
+    return shutil.disk_usage(folder).free < LEAST_FREE_BYTES
 
 
 def _write(
@@ -222,12 +248,9 @@ def _write(
     grid: Grid = profile["grid"]
     nodata = profile["nodata"]
     statistics = RasterStatistics()
-    with (
-        _gdal(path, is_output=True),
-        tempfile.TemporaryDirectory(prefix="volatool-", dir=directory) as folder,
-    ):
+    with _temporary_folder(directory) as folder, _gdal(path, is_output=True, temporary=folder):
         # GDAL writes a COG only as a copy of a whole raster
-        plain = Path(folder) / "plain.tif"
+        plain = folder / "plain.tif"
         with rasterio.open(
             plain,
             "w",
@@ -270,7 +293,8 @@ def _write(
             NUM_THREADS="1",
             GEOTIFF_VERSION="1.1",
         )
-    problems = check_dem(path, reread=False)
+    # GDAL takes a full disk at the end of a file for success: read all of it
+    problems = check_dem(path)
     if problems:
         raise OutputError(f"{path}: does not read back ({problems[0][1]})")
 
@@ -402,7 +426,7 @@ def _statistics(tags: Mapping[str, str]) -> dict[str, float]:
     return found
 
 
-def check_dem(path: Path, *, reread: bool = True) -> list[Problem]:
+def check_dem(path: Path) -> list[Problem]:
     """
     Return what is wrong with a DEM file; nothing if it is sound.
 
@@ -410,8 +434,6 @@ def check_dem(path: Path, *, reread: bool = True) -> list[Problem]:
     ----------
     path : pathlib.Path
         The file.
-    reread : bool
-        Read and decompress every cell and compare its range with the statistics tags.
 
     Returns
     -------
@@ -439,11 +461,11 @@ def check_dem(path: Path, *, reread: bool = True) -> list[Problem]:
                     "volatool has"
                 )
             rows = max(1, BLOCK * BLOCK // file.width)
-            for start in range(0, file.height, rows) if reread else ():
+            for start in range(0, file.height, rows):
                 window = Window(0, start, file.width, min(rows, file.height - start))
                 statistics.add(file.read(1, window=window), file.nodata)
             found = statistics.tags()
-            for name in ("STATISTICS_MINIMUM", "STATISTICS_MAXIMUM") if reread else ():
+            for name in ("STATISTICS_MINIMUM", "STATISTICS_MAXIMUM"):
                 if name in tags and tags[name] != found.get(name):
                     message = f"{name} is {tags[name]}, the cells say {found.get(name)}"
                     problems.append(("E_STATISTICS", message, None))
