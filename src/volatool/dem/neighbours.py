@@ -272,18 +272,20 @@ def _read(
     scratch: Scratch,
 ) -> tuple[Beyond, list[str], list[CodedWarning]]:
     """Read the points of the neighbours inside a box."""
+    from volatool.points.reader import PointSource
     from volatool.points.select import Selection
     from volatool.tile import open_source
 
     beyond = Beyond(Spool(scratch, ROW, SHARE))
     used, warnings = [], []
+    sides = (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
     selection = Selection(
         classes=None if options.classes is None else frozenset(options.classes),
         exclude_classes=frozenset(options.exclude_classes or ()),
         returns=options.returns,
         keep_withheld=options.keep_withheld,
         keep_noise=options.keep_noise,
-        bounds=Bounds(*map(float, box)),
+        bounds=Bounds(*sides),
         thin=options.thin or 1,
     )
     for item in near:
@@ -293,7 +295,10 @@ def _read(
                 surface.wanted & source.header.dimensions
             )
             room = max(1000, (options.memory // 8) // (source.header.record_bytes + 100))
-            for chunk in source.chunks(names, min(options.chunk_points, room)):
+            size = min(options.chunk_points, room)
+            # the box of points that are reprojected is in another CRS than the file's octree
+            where = {"near": sides} if isinstance(source, PointSource) else {}
+            for chunk in source.chunks(names, size, **where):
                 mask = selection.mask(chunk, {})
                 taken = chunk if mask is None else chunk.take(mask)
                 n_seen += len(taken)
