@@ -142,9 +142,9 @@ def test_only_strips_are_read(tmp_path, monkeypatch):
     read = []
     chunks = PointSource.chunks
 
-    def told(self, *arguments):
+    def told(self, *arguments, **near):
         read.append(self.name)
-        return chunks(self, *arguments)
+        return chunks(self, *arguments, **near)
 
     monkeypatch.setattr(PointSource, "chunks", told)
     paths["whole"].unlink()

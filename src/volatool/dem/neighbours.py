@@ -175,6 +175,8 @@ def meet_neighbours(
         ``max_gap`` in cells: what is filled depends on points up to twice as far away.
     """
     files = find_neighbours(source, options)
+    # with --like the cells may go on where no file is: that is no gap
+    tile = sides_of(own) if surface.box is None else common(sides_of(own), surface.box)
     spacing = surface.spacing(source.crs) / own.cell
     cells = max(LEAST_CELLS, math.ceil(max(2 * gap, LEAST_SPACINGS * spacing)))
     if surface.is_bare and not surface.has_ground:
@@ -191,7 +193,7 @@ def meet_neighbours(
         beyond, used, warnings = _read(near, box, surface, options, scratch)
         points = surface.result(source.crs, beyond)
         spacing = mean_spacing(points, source.crs.metres_per_unit_xy) / own.cell
-        needed, is_open = _needed(points, own, grid, near, spacing)
+        needed, is_open = _needed(points, own, tile, grid, near, spacing)
         wider = min(max(MOST_CELLS, cells), max(needed, 3 * cells if is_open else 0))
         is_enough = wider <= cells or _reach(files, own, wider)[2] == grid
         if options.buffer is not None or is_enough:
@@ -272,18 +274,20 @@ def _read(
     scratch: Scratch,
 ) -> tuple[Beyond, list[str], list[CodedWarning]]:
     """Read the points of the neighbours inside a box."""
+    from volatool.points.reader import PointSource
     from volatool.points.select import Selection
     from volatool.tile import open_source
 
     beyond = Beyond(Spool(scratch, ROW, SHARE))
     used, warnings = [], []
+    sides = (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
     selection = Selection(
         classes=None if options.classes is None else frozenset(options.classes),
         exclude_classes=frozenset(options.exclude_classes or ()),
         returns=options.returns,
         keep_withheld=options.keep_withheld,
         keep_noise=options.keep_noise,
-        bounds=Bounds(*map(float, box)),
+        bounds=Bounds(*sides),
         thin=options.thin or 1,
     )
     for item in near:
@@ -293,7 +297,10 @@ def _read(
                 surface.wanted & source.header.dimensions
             )
             room = max(1000, (options.memory // 8) // (source.header.record_bytes + 100))
-            for chunk in source.chunks(names, min(options.chunk_points, room)):
+            size = min(options.chunk_points, room)
+            # the box of points that are reprojected is in another CRS than the file's octree
+            where = {"near": sides} if isinstance(source, PointSource) else {}
+            for chunk in source.chunks(names, size, **where):
                 mask = selection.mask(chunk, {})
                 taken = chunk if mask is None else chunk.take(mask)
                 n_seen += len(taken)
@@ -313,7 +320,7 @@ def _read(
 
 
 def _needed(
-    points: SurfacePoints, own: Grid, grid: Grid, near: list[Neighbour], spacing: float
+    points: SurfacePoints, own: Grid, tile: Box, grid: Grid, near: list[Neighbour], spacing: float
 ) -> tuple[int, bool]:
     """
     Return the cells that a buffer must have, and whether a gap at the seam goes on beyond it.
@@ -341,19 +348,19 @@ def _needed(
     )
     empty = occupied(points, squares) == 0
     inside = np.zeros(empty.shape, bool)
-    tile = _squares_of(sides_of(own), squares)
-    for box in (sides_of(own), *(item.box or sides_of(grid) for item in near)):
+    rows, cols = _squares_of(sides_of(own), squares)
+    for box in (tile, *(item.box or sides_of(grid) for item in near)):
         inside[_squares_of(box, squares, is_half=True)] = True
     numbers, _ = label(empty & inside)
     # a gap touches the seam if it has a square in the tile or next to it
-    rows, cols = (slice(max(0, part.start - 1), part.stop + 1) for part in tile)
-    at_seam = np.unique(numbers[rows, cols])
+    around = tuple(slice(max(0, part.start - 1), part.stop + 1) for part in (rows, cols))
+    at_seam = np.unique(numbers[around])
     found = np.argwhere(np.isin(numbers, at_seam[at_seam > 0]))
     if not len(found):
         return LEAST_CELLS, False
     reach = 0
     is_open = False
-    for axis, part in enumerate(tile):
+    for axis, part in enumerate((rows, cols)):
         low, high = int(found[:, axis].min()), int(found[:, axis].max())
         reach = max(reach, (part.start - low) * edge, (high + 1 - part.stop) * edge)
         is_open |= low < part.start and low == 0
