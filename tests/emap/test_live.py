@@ -7,24 +7,13 @@ import time
 import naive_dem
 import numpy as np
 import pytest
+from making_scans import height, scan
 
 import volatool as vt
 from volatool.emap.blocks import SIDE
 from volatool.emap.solve import solve
 from volatool.emap.system import Evidence, Springs
 from volatool.errors import OptionError, ResourceError
-
-
-def height(x, y):
-    return np.sin(x / np.pi) * np.sin(y / np.pi)
-
-
-def scan(at=0.0, n=2000, seed=0, noise=0.05, reach=10.0):
-    """Returns round a sensor at (at, 0), denser near it."""
-    rng = np.random.default_rng(seed)
-    r, a = reach * rng.random(n), 2 * np.pi * rng.random(n)
-    x, y = at + r * np.cos(a), r * np.sin(a)
-    return np.column_stack([x, y, height(x, y) + noise * rng.normal(size=n)])
 
 
 def drive(n=20):
@@ -179,7 +168,8 @@ def test_a_faded_surface_stays():
 
 def test_a_bounded_weight_follows_a_changed_place():
     """Forgetting by place: 50 old scans weigh no more than the bound."""
-    old, new = scan(noise=0), scan(seed=1, noise=0) + np.array([0, 0, 1.0])
+    old = scan(noise=0)
+    new = old + np.array([0, 0, 1.0])
     errors = []
     for max_weight in (None, 2.0):
         m = vt.EMap(max_weight=max_weight)

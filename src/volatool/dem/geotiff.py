@@ -47,6 +47,7 @@ _DESCRIPTIONS = {
     "dsm": "elevation, first returns",
     "min": "elevation, lowest point per cell",
     "max": "elevation, highest point per cell",
+    "emap": "elevation, EMap of scans",
     "flag": "0 void, 1 measured, 2 filled",
     "count": "points of the surface per cell",
     "distance": "distance to the nearest measured cell",

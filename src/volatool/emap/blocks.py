@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from volatool.emap.system import Evidence, Springs
 from volatool.errors import ResourceError
 from volatool.model import F64, I64
+from volatool.scratch import Scratch
 
 SIDE = 32
 """Quads along a side of a block."""
@@ -132,7 +133,9 @@ class Blocks:
                 self.max_weight,
             )
 
-    def evidence(self, top: int, left: int, height: int, width: int) -> Evidence:
+    def evidence(
+        self, top: int, left: int, height: int, width: int, scratch: Scratch | None = None
+    ) -> Evidence:
         """
         Return the evidence of a window.
 
@@ -142,6 +145,8 @@ class Blocks:
             Row and column of its first node.
         height, width : int
             Nodes; at least 2 a side.
+        scratch : Scratch, optional
+            Where it lives.
 
         Returns
         -------
@@ -150,7 +155,7 @@ class Blocks:
         """
         from volatool.kernels import quads
 
-        evidence = Evidence(height, width)
+        evidence = Evidence(height, width, scratch)
         found = list(self._touching(top - 1, left - 1, height + 1, width + 1))
         ages = [self.updates - block.updates for _, block in found]
         youngest = min(ages, default=0)

@@ -15,6 +15,7 @@ from volatool.emap.solve import SolveInfo, solve
 from volatool.emap.system import Springs
 from volatool.errors import OptionError, ResourceError
 from volatool.model import F64, Bool, Bounds, as_fraction
+from volatool.scratch import Scratch
 
 STIFFNESS = 10.0
 """Bending stiffness ``kb`` over a point's: for scans of many points a cell."""
@@ -246,7 +247,8 @@ class EMap:
         ResourceError
             ``E_MEMORY``: the evidence would pass `max_bytes`; nothing has changed.
         """
-        points = np.asarray(scan, np.float64)
+        with np.errstate(invalid="ignore"):  # signalling NaNs
+            points = np.asarray(scan, np.float64)
         if points.size == 0:
             points = points.reshape(0, 3)
         if points.ndim != 2 or points.shape[1] < 3:
@@ -331,6 +333,29 @@ class EMap:
             raise OptionError(f"a window needs nodes, got {n_nodes}")
         window = self._window(self._around(centre, n_nodes, n_nodes), margin)
         return window.z, window.x, window.y
+
+    def whole(self, scratch: Scratch | None = None) -> Window | None:
+        """
+        Return the surface of the bounds, or of all that was seen, solved afresh.
+
+        Parameters
+        ----------
+        scratch : Scratch, optional
+            Where the solver's grids live: over budget in temporary files.
+
+        Returns
+        -------
+        window : Window or None
+            None while no point was seen there.
+        """
+        extent = self._blocks.extent()
+        grid = self._bounds
+        if grid is None and extent is not None:
+            grid = self._grid_at(*extent)
+        if grid is None:
+            return None
+        window = self._window(grid, None, Scratch() if scratch is None else scratch)
+        return window if window.count.any() else None
 
     @property
     def grid(self) -> Grid | None:
@@ -469,7 +494,7 @@ class EMap:
         top = math.floor(-float(place[1]) - height / 2 + 0.5)
         return self._grid_at(top, left, height, width)
 
-    def _window(self, grid: Grid, margin: int | None) -> Window:
+    def _window(self, grid: Grid, margin: int | None, scratch: Scratch | None = None) -> Window:
         pad = self.margin if margin is None else margin
         if pad < 0:
             raise OptionError(f"margin must not be negative, got {pad}")
@@ -477,21 +502,25 @@ class EMap:
         count = self._blocks.counts(top, left, grid.height, grid.width)
         # a solve needs 2 x 2 nodes
         pad_height, pad_width = max(2, grid.height + 2 * pad), max(2, grid.width + 2 * pad)
-        solved = self._solved(top - pad, left - pad, pad_height, pad_width)
+        solved = self._solved(top - pad, left - pad, pad_height, pad_width, scratch)
         inner = solved.z[pad : pad + grid.height, pad : pad + grid.width]
         return Window(grid, inner + (self._zero or 0.0), count, solved.info)
 
-    def _solved(self, top: int, left: int, height: int, width: int) -> _Solved:
-        last = self._last
+    def _solved(
+        self, top: int, left: int, height: int, width: int, scratch: Scratch | None
+    ) -> _Solved:
+        last = None if scratch is not None else self._last
         if last is not None and last.key == (self.n_scans, top, left, height, width):
             return last
-        evidence = self._blocks.evidence(top, left, height, width)
+        evidence = self._blocks.evidence(top, left, height, width, scratch)
         if not evidence.data[:, 0].any():
             return _Solved(self.n_scans, top, left, np.full((height, width), np.nan), None)
         start = None if last is None else last.moved(top, left, height, width)
-        z, info = solve(evidence, self.springs, tol=self.tol, start=start)
-        self._last = _Solved(self.n_scans, top, left, z, info)
-        return self._last
+        z, info = solve(evidence, self.springs, tol=self.tol, start=start, consume=True)
+        solved = _Solved(self.n_scans, top, left, z, info)
+        if scratch is None:
+            self._last = solved
+        return solved
 
 
 @dataclass(frozen=True, slots=True)
