@@ -217,6 +217,14 @@ dem = group(
         help="Cell and stiffness of a whole set, from the reports of a first run.",
     ),
     click.option("--like", metavar="REF.tif", help="Cells, corner and extent of a raster."),
+    click.option(
+        "--breaklines",
+        metavar="FILE",
+        help="Lines (GeoJSON, GeoPackage, ...) that the surface may break along.",
+    ),
+    click.option(
+        "--water", metavar="FILE", help="Polygons: lakes become level, river banks may break."
+    ),
 )
 
 output = group(

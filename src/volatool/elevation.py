@@ -141,15 +141,16 @@ def write_elevation(
 
 
 def solver_warnings(dem: Dem) -> list[CodedWarning]:
-    """Say when the solver gave up before its tolerance was met."""
+    """Say what came up while the model was made, and when the solver gave up short of --tol."""
     if dem.solver.get("converged", True):
-        return []
+        return list(dem.notes)
     return [
+        *dem.notes,
         CodedWarning(
             "W_NOT_CONVERGED",
             f"the solver stopped after {dem.solver['iterations']} iterations short of --tol; the "
             "surface is too soft or too stiff for the points: leave out --k-surface and --k-point",
-        )
+        ),
     ]
 
 
@@ -183,6 +184,11 @@ def dem_of(
 
     unit = source.crs.metres_per_unit_xy
     cell, gap = options.cell, options.max_gap
+    barriers = None
+    if options.breaklines is not None or options.water is not None:
+        from volatool.dem.vectors import read_barriers
+
+        barriers = read_barriers(options.breaklines, options.water, source.crs)
     dem = make_dem(
         points,
         source.crs,
@@ -196,6 +202,7 @@ def dem_of(
         scratch=scratch,
         preset=options.preset,
         grid=grid,
+        barriers=barriers,
     )
     logger.info(
         "%s: %s of %d x %d cells of %g, %s iterations",

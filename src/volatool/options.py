@@ -104,6 +104,8 @@ class ConvertOptions:
         A GeoTIFF whose cells and extent the elevation model gets.
     params_from : str, optional
         A file of reports, for the cell and stiffness of a whole set.
+    breaklines, water : str, optional
+        Vector files: lines that no spring crosses; lakes and rivers.
     preview : bool
         Write a picture.
     memory : int
@@ -158,6 +160,8 @@ class ConvertOptions:
     buffer: Length | None = None
     like: str | None = None
     params_from: str | None = None
+    breaklines: str | None = None
+    water: str | None = None
     preview: bool = False
     memory: int = DEFAULT_MEMORY_BYTES
     resources: bool = True
@@ -188,6 +192,9 @@ class ConvertOptions:
         if self.compat == "toolkit":
             self._check_toolkit()
         self._check_seams()
+        for name in ("breaklines", "water"):
+            if getattr(self, name) is not None and self.surface not in ("auto", "dtm", "dsm"):
+                raise OptionError(f"--{name} is for EMap surfaces, not --surface {self.surface}")
 
     def _check_seams(self) -> None:
         """Refuse what can't be the same for all tiles of a set."""

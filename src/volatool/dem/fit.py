@@ -16,7 +16,9 @@ from volatool.model import F64, Progress
 from volatool.scratch import Scratch
 
 if TYPE_CHECKING:
+    from volatool.dem.barriers import Placed
     from volatool.dem.surfaces import Dem
+    from volatool.emap.lines import Lines
 
 
 def _row_windows(shape: tuple[int, int], is_spilled: bool) -> list[tuple[int, int]]:
@@ -26,7 +28,13 @@ def _row_windows(shape: tuple[int, int], is_spilled: bool) -> list[tuple[int, in
 
 
 def fit(
-    points: SurfacePoints, outer: Grid, tuned: Tuned, dem: Dem, tol: float, progress: Progress
+    points: SurfacePoints,
+    outer: Grid,
+    tuned: Tuned,
+    dem: Dem,
+    tol: float,
+    progress: Progress,
+    barriers: Placed | None = None,
 ) -> tuple[F64, dict[str, Any]]:
     """
     Solve net after net.
@@ -45,6 +53,8 @@ def fit(
         Stop of the solver, vertical unit.
     progress : callable
         Told the iterations.
+    barriers : Placed, optional
+        What no spring crosses.
 
     Returns
     -------
@@ -61,10 +71,15 @@ def fit(
         progress(before + done, before + of * (len(tuned.nets) - len(infos)))
 
     for net in tuned.nets:
-        evidence = _evidence(points, outer, net, dem, z)
+        evidence = _evidence(points, outer, net, dem, z, barriers)
         # each net may add its error to those before
         part, info = solve(
-            evidence, net.springs, tol=tol / len(tuned.nets), consume=True, progress=tell
+            evidence,
+            net.springs,
+            tol=tol / len(tuned.nets),
+            consume=True,
+            progress=tell,
+            cuts=None if barriers is None else barriers.cuts,
         )
         infos.append(info)
         if z is None:
@@ -98,15 +113,21 @@ def _describe(net: Net, cell: float) -> dict[str, float | None]:
 
 
 def _evidence(
-    points: SurfacePoints, outer: Grid, net: Net, dem: Dem, before: F64 | None
+    points: SurfacePoints,
+    outer: Grid,
+    net: Net,
+    dem: Dem,
+    before: F64 | None,
+    barriers: Placed | None,
 ) -> Evidence:
     """
     Sum the springs of the points, of their heights above the nets before.
 
     The first time (`before` is None) it also sets the DEM's counts.
     """
-    from volatool.kernels import binning, spring
+    from volatool.kernels import binning
 
+    lines = None if barriers is None else barriers.cuts.lines
     evidence = Evidence(outer.height, outer.width, dem.scratch)
     zero = stored_zero(points)
     for first, last in evidence.windows():
@@ -117,10 +138,10 @@ def _evidence(
                 below = np.zeros(len(rows))
                 # points that pull on the window's first row may lie in the row above
                 top = max(first - 1, 0)
-                spring.interpolate(before, col, row, net.springs.is_nearest, top, last, below)
+                _read(before, col, row, net.springs.is_nearest, (top, last), lines, below)
                 heights -= below
                 dem.scratch.relax(before)
-            evidence.add(col, row, heights, net.springs, (first, last))
+            evidence.add(col, row, heights, net.springs, (first, last), lines=lines)
             if before is None:
                 # the DEM's rows in this window: its row r is row r + 1 of the outer grid
                 low, high = max(first - 1, 0), last - 1 if last < outer.height else last
@@ -129,7 +150,28 @@ def _evidence(
         dem.scratch.relax(dem.count)
     if net.tether:
         evidence.tether(net.tether)
+    elif barriers is not None:
+        barriers.hold(evidence, net.springs.weight)
     return evidence
+
+
+def _read(
+    z: F64,
+    col: F64,
+    row: F64,
+    is_nearest: bool,
+    window: tuple[int, int],
+    lines: Lines | None,
+    out: F64,
+) -> None:
+    """Read a surface at points, each on its own side of the lines."""
+    from volatool.kernels import spring
+    from volatool.kernels.lines import cut_interpolate
+
+    if lines is None:
+        spring.interpolate(z, col, row, is_nearest, *window, out)
+    else:
+        cut_interpolate(z, col, row, is_nearest, *window, *lines.tables, out)
 
 
 def stored_zero(points: SurfacePoints) -> np.int64:
@@ -138,11 +180,15 @@ def stored_zero(points: SurfacePoints) -> np.int64:
 
 
 def sum_of_squares(
-    points: SurfacePoints, outer: Grid, tuned: Tuned, z: F64, scratch: Scratch
+    points: SurfacePoints,
+    outer: Grid,
+    tuned: Tuned,
+    z: F64,
+    scratch: Scratch,
+    barriers: Placed | None = None,
 ) -> float:
     """Return the sum of the squares of point minus surface."""
-    from volatool.kernels import spring
-
+    lines = None if barriers is None else barriers.cuts.lines
     zero = stored_zero(points)
     sums: list[float] = []
     windows = _row_windows((outer.height, outer.width), bool(scratch.spilled_bytes))
@@ -150,8 +196,8 @@ def sum_of_squares(
         col, row = outer.places(rows, points.scale, points.offset)
         fit = np.empty(len(rows))
         for first, last in windows:
-            spring.interpolate(z, col, row, tuned.springs.is_nearest, first, last, fit)
+            _read(z, col, row, tuned.springs.is_nearest, (first, last), lines, fit)
             scratch.relax(z, first, last)
         fit -= (rows[:, 2] - zero) * points.scale[2]
-        sums.append(float(np.sum(np.square(fit))))
+        sums.append(float(np.nansum(np.square(fit))))  # NaN: lines all round
     return math.fsum(sums)

@@ -337,9 +337,7 @@ def cut_accumulate(
 
 
 @kernel
-def cut_interpolate(
-    z, col, row, nearest, first, last, quads, starts, members, segments, out
-):
+def cut_interpolate(z, col, row, nearest, first, last, quads, starts, members, segments, out):
     """
     Height of a surface at points, read only from the nodes on their side of the lines.
 
