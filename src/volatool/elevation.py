@@ -124,6 +124,7 @@ def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch
         fill=options.fill,
         k_surface=options.k_surface,
         k_point=options.k_point,
+        ell=None if options.ell is None else float(options.ell.in_units(unit)),
         tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
         scratch=scratch,
         preset=options.preset,
