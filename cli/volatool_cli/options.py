@@ -187,6 +187,9 @@ dem = group(
     click.option("--k-surface", type=float, metavar="K", help="Stiffness of the surface springs."),
     click.option("--k-point", type=float, metavar="K", help="Stiffness of the point springs."),
     click.option(
+        "--ell", type=LengthType(), help="Longer waves feel tension, shorter ones bending."
+    ),
+    click.option(
         "--tol",
         type=LengthType(),
         default="0.1mm",

@@ -198,6 +198,7 @@ def dem_of(
         k_surface=options.k_surface,
         k_point=options.k_point,
         spacing=None if shared is None else shared.spacing,
+        ell=None if options.ell is None else float(options.ell.in_units(unit)),
         tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
         scratch=scratch,
         preset=options.preset,

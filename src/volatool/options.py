@@ -13,7 +13,7 @@ from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol", "buffer")
+_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer")
 
 _TOLERANCE = Length.parse("0.1mm")
 
@@ -94,6 +94,8 @@ class ConvertOptions:
         Fill cells without points.
     k_surface, k_point : float, optional
         Spring stiffness.
+    ell : Length or str, optional
+        Length beyond which tension rules over bending.
     layers : tuple of str
         ``"count"``, ``"flag"``, ``"distance"``.
     neighbours : tuple of str
@@ -154,6 +156,7 @@ class ConvertOptions:
     preset: str = "emap"
     k_surface: float | None = None
     k_point: float | None = None
+    ell: Length | None = None
     tol: Length = _TOLERANCE
     layers: tuple[str, ...] = ()
     neighbours: tuple[str, ...] = ()

@@ -72,15 +72,19 @@ def fit(
 
     for net in tuned.nets:
         evidence = _evidence(points, outer, net, dem, z, barriers)
-        # each net may add its error to those before
+        # what is left for a later net is small: level 0 is a better start than a multigrid pass
+        level = None if z is None else dem.scratch.zeros(evidence.shape, np.float64)
         part, info = solve(
             evidence,
             net.springs,
-            tol=tol / len(tuned.nets),
+            tol=tol,
+            start=level,
             consume=True,
             progress=tell,
             cuts=None if barriers is None else barriers.cuts,
         )
+        if level is not None:
+            dem.scratch.free(level)
         infos.append(info)
         if z is None:
             z = part
