@@ -82,6 +82,8 @@ def make_elevation(
         header, extent = source.header, (box[0], box[1], box[3], box[4])
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
     dem = _dem(points, source, options, scratch)
+    holdout = _holdout(points, dem, source, options)
+    dem, uncertainty = _with_sigma(points, dem, source, options)
     points.close()
     resources.drop_library_code()
     tags = {"SOURCE": readable(source.name), "OPTIONS": dumps(options.given())}
@@ -92,7 +94,9 @@ def make_elevation(
         layer_path = target(f".dem.{layer}.tif")
         geotiff.write_layer(outputs.add(layer_path), dem, cast("Layer", layer), tags=tags)
         layers[layer] = layer_path.name
-    document = {"path": path.name, **dem.to_dict(), "holdout": None, "layers": layers}
+    document = {"path": path.name, **dem.to_dict(), "holdout": holdout, "layers": layers}
+    if uncertainty is not None:
+        document["sigma"] = uncertainty
     document["solver"] = document["solver"] or None  # no points: nothing was solved
     return ElevationPart(dem, document, (*points.warnings, *_solver_warnings(dem)))
 
@@ -110,16 +114,64 @@ def _solver_warnings(dem: Dem) -> list[CodedWarning]:
     ]
 
 
-def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch: Scratch) -> Dem:
-    """Return the model, lengths converted to the unit of the CRS."""
+def _known_noise(source: Source, options: ConvertOptions) -> float | None:
+    """Return ``--sigma`` in the vertical unit."""
+    sigma = options.sigma
+    return None if sigma is None else float(sigma.in_units(source.crs.metres_per_unit_z))
+
+
+def _holdout(
+    points: SurfacePoints, dem: Dem, source: Source, options: ConvertOptions
+) -> dict[str, Any] | None:
+    """Return the report's ``dem.holdout``, if it is asked for."""
+    if options.holdout is None:
+        return None
+    from volatool.dem.holdout import assess
+
+    def again(train: SurfacePoints) -> Dem:
+        return _dem(train, source, options, dem.scratch, dem.grid.exact[2])
+
+    return assess(points, dem, options.holdout, again, _known_noise(source, options))
+
+
+def _with_sigma(
+    points: SurfacePoints, dem: Dem, source: Source, options: ConvertOptions
+) -> tuple[Dem, dict[str, Any] | None]:
+    """Return the model with its standard errors and the report's ``dem.sigma``, if asked for."""
+    known = _known_noise(source, options)
+    if known is not None and dem.springs is not None:
+        dem = replace(dem, noise_sigma=known)
+    if "sigma" not in options.layers or dem.springs is None or dem.spacing is None:
+        return dem, None
+    from volatool.dem.sigma import fit, sigma_layer
+
+    scratch = dem.scratch
+    model = fit(points, dem.grid, dem.springs, dem.noise, dem.spacing, dem.crs, scratch, known)
+    if model is None:
+        return dem, None
+    return replace(dem, sigma=sigma_layer(points, dem.grid, dem.flag, model, scratch)), (
+        model.to_dict()
+    )
+
+
+def _dem(
+    points: SurfacePoints,
+    source: Source,
+    options: ConvertOptions,
+    scratch: Scratch,
+    edge: Fraction | None = None,
+) -> Dem:
+    """Return the model, lengths converted to the unit of the CRS; of cells of a given edge."""
     from volatool.dem.surfaces import make_dem
 
     unit = source.crs.metres_per_unit_xy
     cell, gap = options.cell, options.max_gap
+    if edge is None and not isinstance(cell, str):
+        edge = cell.in_units(unit)
     dem = make_dem(
         points,
         source.crs,
-        "auto" if isinstance(cell, str) else cell.in_units(unit),
+        "auto" if edge is None else edge,
         max_gap=None if gap is None else float(gap.in_units(unit)),
         fill=options.fill,
         k_surface=options.k_surface,

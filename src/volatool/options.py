@@ -13,7 +13,10 @@ from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol")
+_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol", "sigma")
+
+MAX_HOLDOUT = 50.0
+"""Per cent of the points."""
 
 _TOLERANCE = Length.parse("0.1mm")
 
@@ -95,7 +98,11 @@ class ConvertOptions:
     k_surface, k_point : float, optional
         Spring stiffness.
     layers : tuple of str
-        ``"count"``, ``"flag"``, ``"distance"``.
+        ``"count"``, ``"flag"``, ``"distance"``, ``"sigma"``.
+    sigma : Length, optional
+        Noise of the points' heights, when it is known better than the points tell.
+    holdout : float, optional
+        Per cent of the points to judge the elevation model by, made once more without them.
     preview : bool
         Write a picture.
     memory : int
@@ -146,6 +153,8 @@ class ConvertOptions:
     k_point: float | None = None
     tol: Length = _TOLERANCE
     layers: tuple[str, ...] = ()
+    sigma: Length | None = None
+    holdout: float | None = None
     preview: bool = False
     memory: int = DEFAULT_MEMORY_BYTES
     resources: bool = True
@@ -167,6 +176,13 @@ class ConvertOptions:
             if value is not None and not 0 < value < float("inf"):
                 flag = "--" + name.replace("_", "-")
                 raise OptionError(f"{flag} must be a number greater than 0, got {value}")
+        if self.holdout is not None and not 0 < self.holdout <= MAX_HOLDOUT:
+            raise OptionError(f"--holdout must be above 0 and at most 50, got {self.holdout}")
+        if "sigma" in self.layers and self.surface not in ("auto", "dtm", "dsm"):
+            raise OptionError(
+                "--layers sigma is for surfaces made by springs: leave out "
+                f"--surface {self.surface}"
+            )
         if self.chunk_points < 1:
             raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
         if self.split is not None and (self.cube != "auto" or self.snap):
@@ -229,7 +245,7 @@ class ConvertOptions:
         for name, words in allowed.items():
             if getattr(self, name) not in words:
                 raise OptionError(f"{name} must be one of {words}, got {getattr(self, name)!r}")
-        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance"))):
+        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance", "sigma"))):
             unknown = [word for word in getattr(self, name) if word not in known]
             if unknown:
                 raise OptionError(f"{name}: {unknown[0]!r} is not one of {known}")

@@ -14,7 +14,7 @@ import pytest
 
 from volatool_cli.main import cli
 
-COMMANDS = ["convert", "stats", "info", "dem", "classify", "validate", "doctor"]
+COMMANDS = ["convert", "stats", "info", "dem", "check", "classify", "validate", "doctor"]
 
 
 def help_of(name):

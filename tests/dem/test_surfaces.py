@@ -10,8 +10,7 @@ import pytest
 from making_dems import chunk, gather, ground, hills
 
 from volatool.dem.distance import FILLED, MEASURED, VOID, distance_cells, fill_flags, hull_spans
-from volatool.dem.surfaces import degrees_of_freedom, make_dem
-from volatool.emap.system import Springs
+from volatool.dem.surfaces import make_dem
 from volatool.errors import OptionError
 from volatool.model import CrsInfo
 from volatool.scratch import Scratch
@@ -244,15 +243,6 @@ def test_hull_equals_scipy():
     found = (col >= spans[:, :1]) & (col <= spans[:, 1:])
     assert (found | ~inside).all()
     assert (found & ~inside).sum() <= 2 * 30  # cells that the hull's edge cuts
-
-
-def test_degrees_of_freedom_follow_the_closed_form():
-    """0.559 at rho = 0.05 s^2 and fine cells, cells per point for coarse ones."""
-    assert degrees_of_freedom(Springs(0.05 / 1e-4, 0.0), 0.01, 1.0) == pytest.approx(
-        0.559, abs=1e-3
-    )
-    assert degrees_of_freedom(Springs(0.05 / 1e4, 0.0), 100.0, 1.0) == pytest.approx(1e-4, rel=0.01)
-    assert degrees_of_freedom(Springs(0.0, 0.1), 100.0, 1.0) == pytest.approx(1e-4, rel=0.01)
 
 
 def test_wrong_options_are_refused():

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -14,6 +16,7 @@ from volatool.dem.cell import CellChoice, choose_cell, mean_spacing
 from volatool.dem.distance import MEASURED, VOID, distance_cells, fill_flags
 from volatool.dem.gather import ROW, SHARE, SurfacePoints
 from volatool.dem.grid import Grid, grid_for
+from volatool.emap.noise import Noise, answer, measure
 from volatool.emap.solve import solve
 from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
 from volatool.errors import OptionError
@@ -27,6 +30,9 @@ MAX_GAP_M = 20.0
 """Default of ``max_gap`` in metres, and at least `MAX_GAP_CELLS` cells."""
 
 MAX_GAP_CELLS = 10
+
+NOISE_BLOCK = 8
+"""Edge of the blocks over which noise is told, in mean spacings: some 64 points each."""
 
 PRESETS = ("emap", "paper")
 
@@ -56,7 +62,14 @@ class Dem:
         Root mean square of point minus surface over the points used, vertical unit.
     noise_sigma : float or None
         Estimate of the points' own noise: the residuals' scale freed of the part that the
-        surface follows (see `degrees_of_freedom`).
+        surface follows; None when it follows all (see `emap.noise`).
+    noise : Noise or None
+        The same by region.
+    springs : Springs or None
+        Of the grid.
+    sigma : (h, w) array of float32 or None
+        Standard errors of the heights, vertical unit, NaN where void; when they were worked out
+        (`dem.sigma`).
     solver : dict
         The report's ``dem.solver``.
     z_min, z_max : float or None
@@ -79,6 +92,9 @@ class Dem:
     spacing: float | None = None
     residual_rmse: float | None = None
     noise_sigma: float | None = None
+    noise: Noise | None = field(default=None, repr=False)
+    springs: Springs | None = None
+    sigma: NDArray[np.float32] | None = field(default=None, repr=False)
     solver: dict[str, Any] = field(default_factory=dict)
     z_min: float | None = None
     z_max: float | None = None
@@ -97,6 +113,12 @@ class Dem:
             distance[start:stop] *= cell
             self.scratch.relax(distance, start, stop)
         return distance
+
+    def sigma_or_void(self) -> NDArray[np.float32]:
+        """Return the standard errors; NaN everywhere when nothing tells them."""
+        if self.sigma is None:
+            return np.full(self.z.shape, np.nan, np.float32)
+        return self.sigma
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report's ``dem`` object without ``path`` and ``holdout``."""
@@ -120,6 +142,8 @@ class Dem:
     def free(self) -> None:
         """Give the arrays' memory back; the DEM must not be used any more."""
         self.scratch.free(self.z, self.flag, self.count)
+        if self.sigma is not None:
+            self.scratch.free(self.sigma)
 
 
 def make_dem(
@@ -204,47 +228,28 @@ def make_dem(
     evidence = _evidence(used, outer, springs, dem)
     tol = tol_m / float(crs.metres_per_unit_z or 1)
     z, info = solve(evidence, springs, tol=tol, consume=True, progress=progress)
-    rms = math.sqrt(_residuals(used, outer, springs, z, scratch) / len(used))
+    readings = partial(_readings, used, outer)
+    freedom = answer((outer.height, outer.width), springs, readings, scratch)
+    block = max(1, round(NOISE_BLOCK * s / grid.cell))
+    noise = measure(springs, readings, z, freedom, block, scratch)
+    scratch.free(freedom)
     if used is not points:
         used.close()
     n_void = _finish(dem, points, z, max_gap, fill, s)
     scratch.free(z)
-    freedom = degrees_of_freedom(springs, grid.cell, s)
-    sigma = rms / math.sqrt(1 - freedom) if freedom < MAX_FREEDOM else None
     solver = info.to_dict()
     solver["k_surface"] = springs.kb * grid.cell**2 if springs.kb else springs.km
     solver["k_point"] = springs.weight
-    return replace(dem, spacing=s, residual_rmse=rms, noise_sigma=sigma, solver=solver, **n_void)
-
-
-MAX_FREEDOM = 0.95
-"""Above this part of the points the surface follows them all, and residuals say nothing."""
-
-
-def degrees_of_freedom(springs: Springs, cell: float, spacing: float) -> float:
-    """
-    Return how many degrees of freedom the surface spends per point.
-
-    The trace of the smoother for evenly spread points: the mean of
-    ``1 / (1 + s^2 (rho k^4 + tau k^2))`` per wave number k up to the grid's own limit,
-    ``k^2 = 4 pi / cell^2``, in closed form for the stiffer of bending and stretching.
-
-    Parameters
-    ----------
-    springs : Springs
-        ``rho = kb cell^2 / w``, ``tau = km / w``.
-    cell, spacing : float
-        Edge of a cell and mean spacing s of the points, same unit.
-    """
-    density = 1 / (spacing * spacing)
-    limit = 4 * math.pi / cell**2
-    rho, tau = springs.kb * cell**2 / springs.weight, springs.km / springs.weight
-    if rho > 0:
-        root = math.sqrt(rho / density)
-        return math.atan(root * limit) / (4 * math.pi * root * density)
-    if tau > 0:
-        return math.log1p(tau / density * limit) / (4 * math.pi * tau)
-    return 1.0
+    return replace(
+        dem,
+        spacing=s,
+        residual_rmse=noise.residual_rms,
+        noise_sigma=noise.sigma,
+        noise=noise,
+        springs=springs,
+        solver=solver,
+        **n_void,
+    )
 
 
 def _row_windows(shape: tuple[int, int], is_spilled: bool) -> list[tuple[int, int]]:
@@ -300,24 +305,14 @@ def _zero(points: SurfacePoints) -> np.int64:
     return np.int64(sum(points.z_range) // 2)
 
 
-def _residuals(
-    points: SurfacePoints, outer: Grid, springs: Springs, z: F64, scratch: Scratch
-) -> float:
-    """Sum of squares of point minus surface."""
-    from volatool.kernels import spring
-
+def _readings(
+    points: SurfacePoints, outer: Grid
+) -> Iterator[tuple[NDArray[np.int32], F64, F64, F64]]:
+    """Yield points, their places on the padded grid and their heights from near the mean."""
     zero = _zero(points)
-    sums: list[float] = []
-    windows = _row_windows((outer.height, outer.width), bool(scratch.spilled_bytes))
     for rows in points.pieces():
-        col, row = outer.places(rows, points.scale, points.offset)
-        fit = np.empty(len(rows))
-        for first, last in windows:
-            spring.interpolate(z, col, row, springs.is_nearest, first, last, fit)
-            scratch.relax(z, first, last)
-        fit -= (rows[:, 2] - zero) * points.scale[2]
-        sums.append(float(np.sum(np.square(fit))))
-    return math.fsum(sums)
+        heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
+        yield rows, *outer.places(rows, points.scale, points.offset), heights
 
 
 def _finish(
