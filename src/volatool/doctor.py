@@ -56,9 +56,13 @@ def diagnose() -> dict[str, Any]:
 
 def warm_kernels() -> None:
     """Compile every kernel into the cache by converting a small made-up tile."""
+    from volatool.emap.live import EMap
     from volatool.options import ConvertOptions
     from volatool.tile import convert_tile
 
+    live = EMap((0, 0, 4, 4))
+    live.update(np.zeros((1, 3)))
+    live.heights_at(live.z[:1, :2])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "warm.las"
         path.write_bytes(_small_tile())
@@ -66,7 +70,8 @@ def warm_kernels() -> None:
         base = ConvertOptions(dense="always", layers=("distance",), preview=True, chunk_points=500)
         variants = [
             base,
-            replace(base, surface="min", preset="paper", crs="EPSG:25832+6360"),
+            replace(base, preset="paper", crs="EPSG:25832+6360"),
+            replace(base, surface="mean"),
             replace(base, compat="toolkit", depth=3, dem=False),
         ]
         for options in variants:

@@ -13,7 +13,7 @@ from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol", "sigma")
+_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol", "buffer", "sigma")
 
 MAX_HOLDOUT = 50.0
 """Per cent of the points."""
@@ -103,6 +103,14 @@ class ConvertOptions:
         Noise of the points' heights, when it is known better than the points tell.
     holdout : float, optional
         Per cent of the points to judge the elevation model by, made once more without them.
+    neighbours : tuple of str
+        Files, folders, patterns or ``@list`` of the tiles around, for seams of the elevation model.
+    buffer : Length, optional
+        How far beyond the tile their points are used; follows from the data by default.
+    like : str, optional
+        A GeoTIFF whose cells and extent the elevation model gets.
+    params_from : str, optional
+        A file of reports, for the cell and stiffness of a whole set.
     preview : bool
         Write a picture.
     memory : int
@@ -155,6 +163,10 @@ class ConvertOptions:
     layers: tuple[str, ...] = ()
     sigma: Length | None = None
     holdout: float | None = None
+    neighbours: tuple[str, ...] = ()
+    buffer: Length | None = None
+    like: str | None = None
+    params_from: str | None = None
     preview: bool = False
     memory: int = DEFAULT_MEMORY_BYTES
     resources: bool = True
@@ -191,6 +203,29 @@ class ConvertOptions:
             raise OptionError("--budget is for one volume: leave out --split")
         if self.compat == "toolkit":
             self._check_toolkit()
+        self._check_seams()
+
+    def _check_seams(self) -> None:
+        """Refuse what can't be the same for all tiles of a set."""
+        if isinstance(self.neighbours, str):
+            object.__setattr__(self, "neighbours", (self.neighbours,))
+        if self.like is not None and self.cell != "auto":
+            raise OptionError("--like gives the cells: leave out --cell")
+        if not self.neighbours:
+            if self.buffer is not None:
+                raise OptionError("--buffer is for --neighbours: give both or none")
+            return
+        if self.cell == "auto" and self.like is None and self.params_from is None:
+            raise OptionError(
+                "--neighbours needs --cell, --like or --params-from: tiles that choose their own "
+                "cells don't mesh"
+            )
+        for name in ("bounds", "robust_z"):
+            if getattr(self, name):
+                raise OptionError(
+                    f"--{name.replace('_', '-')} is about one tile's points: it can't go with "
+                    "--neighbours"
+                )
 
     def _check_points(self) -> None:
         """Check what Python callers may get wrong; the command line has parsed it."""
@@ -238,7 +273,7 @@ class ConvertOptions:
         allowed: dict[str, tuple[str | None, ...]] = {
             "returns": ("all", "first", "last"),
             "dense": ("auto", "always", "never"),
-            "surface": ("auto", "dtm", "dsm", "min", "max"),
+            "surface": ("auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin"),
             "preset": ("emap", "paper"),
             "compat": (None, "toolkit"),
         }

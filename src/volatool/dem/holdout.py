@@ -127,14 +127,14 @@ def _spreads(
 ) -> F64:
     """Return the standard deviation expected of each error; NaN when it is not known."""
     model = None
-    if dem.springs is not None and dem.spacing is not None:
+    if dem.tuned is not None and dem.spacing is not None:
         model = fit(
-            train, dem.grid, dem.springs, dem.noise, dem.spacing, dem.crs, scratch, sigma
+            train, dem.grid, dem.tuned, dem.noise, dem.spacing, dem.crs, scratch, sigma
         )  # fmt: skip
     if model is None:
         return np.full(len(test), np.nan)
-    ensemble = Ensemble(train, model.springs, dem.grid, scratch)
-    evidence = ensemble.evidence(0)
+    ensemble = Ensemble(train, model.tuned, dem.grid, scratch)
+    evidence = ensemble.evidence()
     unit = unit_errors_at(ensemble, evidence, test)
     evidence.free()
     spreads = scale_at(model, test, distance) * np.sqrt(1 + np.square(unit))

@@ -10,18 +10,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from volatool.dem.distance import MEASURED, VOID, distance_cells
+from volatool.dem.fit import fit_nets, readings, stored_zero
 from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid, grid_for
 from volatool.dem.split import part, split
 from volatool.emap.noise import Noise
-from volatool.emap.solve import solve
 from volatool.emap.system import Evidence, Springs, strips
+from volatool.emap.tuning import Net, Tuned
 from volatool.emap.uncertainty import SAMPLES, Origin, samples
 from volatool.model import F64, CrsInfo
 from volatool.scratch import Scratch
@@ -57,8 +59,8 @@ class Model:
 
     Parameters
     ----------
-    springs : Springs
-        Of the DEM's grid.
+    tuned : Tuned
+        Nets of the DEM's grid.
     spacing : float
         Mean spacing of the points, horizontal unit.
     sigma : (h, w) array of float64
@@ -73,7 +75,7 @@ class Model:
         Points that the factors are from; 0 for factors of 1.
     """
 
-    springs: Springs
+    tuned: Tuned
     spacing: float
     sigma: F64
     block: float
@@ -122,12 +124,13 @@ class Model:
         }
 
 
-def coarse_grid(points: SurfacePoints, grid: Grid) -> tuple[Grid, int]:
+def coarse_grid(grid: Grid) -> tuple[Grid, int]:
     """Return the padded grid for random surfaces, and how many DEM cells make its cell's side."""
     n_cells = grid.width * grid.height
     step = next((step for limit, step in COARSE if n_cells <= limit), 4)
-    assert points.box is not None
-    return grid_for(points.box, grid.exact[2] * step).padded(1), step
+    left, top, cell = grid.exact
+    box = (left, top - grid.height * cell, left + grid.width * cell, top)
+    return grid_for(box, cell * step).padded(1), step
 
 
 @dataclass(slots=True)
@@ -139,8 +142,8 @@ class Ensemble:
     ----------
     points : SurfacePoints
         The points of the fit.
-    springs : Springs
-        Of the DEM's grid.
+    tuned : Tuned
+        Nets of the DEM's grid.
     grid : Grid
         The DEM's.
     scratch : Scratch
@@ -148,7 +151,7 @@ class Ensemble:
     """
 
     points: SurfacePoints
-    springs: Springs
+    tuned: Tuned
     grid: Grid
     scratch: Scratch
     coarse: Grid = field(init=False)
@@ -156,22 +159,35 @@ class Ensemble:
     own: Springs = field(init=False)
 
     def __post_init__(self) -> None:
-        self.coarse, self.step = coarse_grid(self.points, self.grid)
+        self.coarse, self.step = coarse_grid(self.grid)
         # kb cell^2 and km do not hang on the cell
-        self.own = replace(self.springs, kb=self.springs.kb / self.step**2)
+        self.own = self._coarser(self.tuned.springs)
+
+    def _coarser(self, springs: Springs) -> Springs:
+        return replace(springs, kb=springs.kb / self.step**2)
+
+    def surface(self, tol: float) -> F64:
+        """Return the surface of the points, heights above `stored_zero`; free it after use."""
+        nets = [
+            Net(self._coarser(net.springs), net.tether * self.step**2) for net in self.tuned.nets
+        ]
+        shape = (self.coarse.height, self.coarse.width)
+        read = partial(readings, self.points, self.coarse)
+        return fit_nets(read, shape, nets, tol, self.scratch)
 
     def places(self) -> Iterator[tuple[NDArray[np.int32], F64, F64]]:
         """Yield the points and their places on the coarse grid."""
         for rows in self.points.pieces():
             yield rows, *self.coarse.places(rows, self.points.scale, self.points.offset)
 
-    def evidence(self, zero: int) -> Evidence:
-        """Return the points' springs on the coarse grid, heights counted from a stored one."""
+    def evidence(self) -> Evidence:
+        """Return the points' springs on the coarse grid."""
         evidence = Evidence(self.coarse.height, self.coarse.width, self.scratch)
         for first, last in evidence.windows():
-            for rows, col, row in self.places():
-                heights = np.asarray((rows[:, 2] - zero) * self.points.scale[2], np.float64)
-                evidence.add(col, row, heights, self.own, (first, last))
+            for _, col, row in self.places():
+                # heights do not matter for how sure they are
+                evidence.add(col, row, np.zeros(len(col)), self.own, (first, last))
+            evidence.relax(first, last)
         return evidence
 
     def surfaces(self, evidence: Evidence, n_samples: int = SAMPLES) -> Iterator[F64]:
@@ -245,8 +261,8 @@ def distances_at(points: SurfacePoints, at: SurfacePoints, grid: Grid, scratch: 
     start = 0
     for rows in at.pieces():
         col, row = grid.places(rows, at.scale, at.offset)
-        q = np.minimum(col.astype(np.int64), grid.width - 1)
-        r = np.minimum(row.astype(np.int64), grid.height - 1)
+        q = np.clip(col.astype(np.int64), 0, grid.width - 1)
+        r = np.clip(row.astype(np.int64), 0, grid.height - 1)
         out[start : start + len(rows)] = distance[r, q]
         start += len(rows)
     scratch.free(distance)
@@ -257,7 +273,7 @@ def distances_at(points: SurfacePoints, at: SurfacePoints, grid: Grid, scratch: 
 def fit(
     points: SurfacePoints,
     grid: Grid,
-    springs: Springs,
+    tuned: Tuned,
     noise: Noise | None,
     spacing: float,
     crs: CrsInfo,
@@ -273,8 +289,8 @@ def fit(
         The points of the DEM.
     grid : Grid
         Its cells.
-    springs : Springs
-        Its springs.
+    tuned : Tuned
+        Its nets.
     noise : Noise or None
         Of its residuals; blocks on the padded grid.
     spacing : float
@@ -294,12 +310,12 @@ def fit(
     outer = grid.padded(1)
     if sigma is not None:
         side = max(outer.width, outer.height) * outer.cell
-        return Model(springs, spacing, np.full((1, 1), sigma), side, outer)
+        return Model(tuned, spacing, np.full((1, 1), sigma), side, outer)
     if noise is None or noise.sigma is None:
         return None
     rounding = points.scale[2] / math.sqrt(12)  # of stored heights: nothing is surer
     by_block = np.maximum(noise.map(), rounding)
-    model = Model(springs, spacing, by_block, noise.block * grid.cell, outer)
+    model = Model(tuned, spacing, by_block, noise.block * grid.cell, outer)
     return _calibrate(model, points, grid, crs, scratch)
 
 
@@ -315,10 +331,9 @@ def _calibrate(
     train, test = (part(points, chosen, held=held) for held in (False, True))
     if len(train) < MIN_POINTS or len(test) < MIN_POINTS:
         return model
-    ensemble = Ensemble(train, model.springs, grid, scratch)
-    zero = sum(points.z_range) // 2
-    evidence = ensemble.evidence(zero)
-    z, _ = solve(evidence, ensemble.own, tol=1e-2 * float(model.sigma.min()))
+    ensemble = Ensemble(train, model.tuned, grid, scratch)
+    zero = stored_zero(points)
+    z = ensemble.surface(tol=1e-2 * float(model.sigma.min()))
     residuals: F64 = scratch.zeros((len(test),), np.float64)
     start = 0
     for rows in test.pieces():
@@ -329,6 +344,7 @@ def _calibrate(
         residuals[start : start + len(rows)] = height - found
         start += len(rows)
     scratch.free(z)
+    evidence = ensemble.evidence()
     unit = unit_errors_at(ensemble, evidence, test)
     evidence.free()
     distance = distances_at(train, test, grid, scratch)
@@ -419,8 +435,8 @@ def sigma_layer(
     """
     from volatool.kernels import chance
 
-    ensemble = Ensemble(points, model.springs, grid, scratch)
-    evidence = ensemble.evidence(0)
+    ensemble = Ensemble(points, model.tuned, grid, scratch)
+    evidence = ensemble.evidence()
     out: NDArray[np.float32] = scratch.zeros((grid.height, grid.width), np.float32)
     left, top, cell = grid.exact
     coarse_left, coarse_top, _ = ensemble.coarse.exact
