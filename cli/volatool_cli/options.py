@@ -198,9 +198,20 @@ dem = group(
     ),
     click.option(
         "--layers",
-        type=WordsType("count", "flag", "distance"),
+        type=WordsType("count", "flag", "distance", "sigma"),
         default="none",
-        help="More rasters beside the DEM: count,flag,distance.",
+        help="More rasters beside the DEM: count,flag,distance,sigma (standard error).",
+    ),
+    click.option(
+        "--sigma",
+        type=LengthType(),
+        help="Noise of the points' heights.  [default: estimated, by region]",
+    ),
+    click.option(
+        "--holdout",
+        type=click.FloatRange(0, 50, min_open=True),
+        metavar="PERCENT",
+        help="Judge the DEM by so many points, made once more without them; see the report.",
     ),
     click.option(
         "--neighbours",

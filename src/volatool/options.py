@@ -13,7 +13,12 @@ from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer")
+_LENGTHS = (
+    "cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer", "sigma",
+)  # fmt: skip
+
+MAX_HOLDOUT = 50.0
+"""Per cent of the points."""
 
 _TOLERANCE = Length.parse("0.1mm")
 
@@ -97,7 +102,11 @@ class ConvertOptions:
     ell : Length or str, optional
         Length beyond which tension rules over bending.
     layers : tuple of str
-        ``"count"``, ``"flag"``, ``"distance"``.
+        ``"count"``, ``"flag"``, ``"distance"``, ``"sigma"``.
+    sigma : Length, optional
+        Noise of the points' heights, when it is known better than the points tell.
+    holdout : float, optional
+        Per cent of the points to judge the elevation model by, made once more without them.
     neighbours : tuple of str
         Files, folders, patterns or ``@list`` of the tiles around, for seams of the elevation model.
     buffer : Length, optional
@@ -159,6 +168,8 @@ class ConvertOptions:
     ell: Length | None = None
     tol: Length = _TOLERANCE
     layers: tuple[str, ...] = ()
+    sigma: Length | None = None
+    holdout: float | None = None
     neighbours: tuple[str, ...] = ()
     buffer: Length | None = None
     like: str | None = None
@@ -186,6 +197,13 @@ class ConvertOptions:
             if value is not None and not 0 < value < float("inf"):
                 flag = "--" + name.replace("_", "-")
                 raise OptionError(f"{flag} must be a number greater than 0, got {value}")
+        if self.holdout is not None and not 0 < self.holdout <= MAX_HOLDOUT:
+            raise OptionError(f"--holdout must be above 0 and at most 50, got {self.holdout}")
+        if "sigma" in self.layers and self.surface not in ("auto", "dtm", "dsm"):
+            raise OptionError(
+                "--layers sigma is for surfaces made by springs: leave out "
+                f"--surface {self.surface}"
+            )
         if self.chunk_points < 1:
             raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
         if self.split is not None and (self.cube != "auto" or self.snap):
@@ -274,7 +292,7 @@ class ConvertOptions:
         for name, words in allowed.items():
             if getattr(self, name) not in words:
                 raise OptionError(f"{name} must be one of {words}, got {getattr(self, name)!r}")
-        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance"))):
+        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance", "sigma"))):
             unknown = [word for word in getattr(self, name) if word not in known]
             if unknown:
                 raise OptionError(f"{name}: {unknown[0]!r} is not one of {known}")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid
+from volatool.emap.noise import TOL, signs
 from volatool.emap.solve import SolveInfo, solve
 from volatool.emap.system import STRIP_CELLS, Evidence, strips
 from volatool.emap.tuning import Net, Tuned
@@ -19,12 +22,6 @@ if TYPE_CHECKING:
     from volatool.dem.barriers import Placed
     from volatool.dem.surfaces import Dem
     from volatool.emap.lines import Lines
-
-
-def _row_windows(shape: tuple[int, int], is_spilled: bool) -> list[tuple[int, int]]:
-    """Row windows to pass all points for: one, unless the grid is not in RAM."""
-    height, width = shape
-    return list(strips(height, width, 4 * STRIP_CELLS if is_spilled else height * width))
 
 
 def fit(
@@ -195,7 +192,8 @@ def sum_of_squares(
     lines = None if barriers is None else barriers.cuts.lines
     zero = stored_zero(points)
     sums: list[float] = []
-    windows = _row_windows((outer.height, outer.width), bool(scratch.spilled_bytes))
+    cells = 4 * STRIP_CELLS if scratch.spilled_bytes else outer.height * outer.width
+    windows = list(strips(outer.height, outer.width, cells))
     for rows in points.pieces():
         col, row = outer.places(rows, points.scale, points.offset)
         fit = np.empty(len(rows))
@@ -205,3 +203,99 @@ def sum_of_squares(
         fit -= (rows[:, 2] - zero) * points.scale[2]
         sums.append(float(np.nansum(np.square(fit))))  # NaN: lines all round
     return math.fsum(sums)
+
+
+def readings(
+    points: SurfacePoints, grid: Grid
+) -> Iterator[tuple[NDArray[np.int32], F64, F64, F64]]:
+    """
+    Yield points, their places on a grid, and their heights above `stored_zero`.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Points.
+    grid : Grid
+        Their places are in its cells.
+    """
+    zero = stored_zero(points)
+    for rows in points.pieces():
+        heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
+        yield rows, *grid.places(rows, points.scale, points.offset), heights
+
+
+def fit_nets(
+    read: Callable[[], Iterable[tuple[NDArray[np.int32], F64, F64, F64]]],
+    shape: tuple[int, int],
+    nets: Sequence[Net],
+    tol: float,
+    scratch: Scratch,
+) -> F64:
+    """
+    Return the surface of nets through points, without a DEM around it.
+
+    Parameters
+    ----------
+    read : callable
+        Yields stored points, their places and heights, anew at each call.
+    shape : tuple of 2 int
+        Rows and columns of nodes.
+    nets : sequence of Net
+        Solved one after the other.
+    tol : float
+        Stop of the solver.
+    scratch : Scratch
+        Where grids live.
+
+    Returns
+    -------
+    z : (h, w) array of float64
+        Sum of the nets' heights; give it back with ``scratch.free``.
+    """
+    from volatool.kernels import spring
+
+    z: F64 | None = None
+    for net in nets:
+        evidence = Evidence(*shape, scratch)
+        for first, last in evidence.windows():
+            for _, col, row, heights in read():
+                if z is not None:
+                    below = np.zeros(len(heights))
+                    top = max(first - 1, 0)
+                    spring.interpolate(z, col, row, net.springs.is_nearest, top, last, below)
+                    heights = heights - below
+                    scratch.relax(z)
+                evidence.add(col, row, heights, net.springs, (first, last))
+            evidence.relax(first, last)
+        if net.tether:
+            evidence.tether(net.tether)
+        part, _ = solve(evidence, net.springs, tol=tol / len(nets), consume=True)
+        if z is None:
+            z = part
+            continue
+        for start, stop in strips(*shape):
+            z[start:stop] += part[start:stop]
+            scratch.relax(z, start, stop)
+            scratch.relax(part, start, stop)
+        scratch.free(part)
+    assert z is not None
+    return z
+
+
+def answer(points: SurfacePoints, outer: Grid, tuned: Tuned, scratch: Scratch) -> F64:
+    """
+    Return the surface through random signs in place of heights, for `emap.noise.measure`.
+
+    Parameters
+    ----------
+    points, outer, tuned
+        As for `fit`.
+    scratch : Scratch
+        Where grids live.
+    """
+
+    def read() -> Iterator[tuple[NDArray[np.int32], F64, F64, F64]]:
+        for rows, col, row, _ in readings(points, outer):
+            yield rows, col, row, signs(rows)
+
+    return fit_nets(read, (outer.height, outer.width), tuned.nets, TOL, scratch)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -14,11 +15,12 @@ from volatool.dem.baselines import BASELINES, fill_baseline
 from volatool.dem.cell import CellChoice, choose_cell, mean_spacing
 from volatool.dem.crop import summary
 from volatool.dem.distance import MEASURED, VOID, distance_cells, fill_flags
-from volatool.dem.fit import fit, stored_zero, sum_of_squares
+from volatool.dem.fit import answer, fit, readings, stored_zero, sum_of_squares
 from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid, grid_for
+from volatool.emap.noise import Noise, measure
 from volatool.emap.system import strips
-from volatool.emap.tuning import MAX_FREEDOM, choose_springs, degrees_of_freedom
+from volatool.emap.tuning import MAX_FREEDOM, Tuned, choose_springs, degrees_of_freedom
 from volatool.errors import CodedWarning, OptionError
 from volatool.model import F64, CrsInfo, Progress, as_fraction, no_progress
 from volatool.scratch import Scratch
@@ -34,6 +36,9 @@ MAX_GAP_M = 20.0
 """Default of ``max_gap`` in metres, and at least `MAX_GAP_CELLS` cells."""
 
 MAX_GAP_CELLS = 10
+
+NOISE_BLOCK = 8
+"""Edge of the blocks over which noise is told, in mean spacings: some 64 points each."""
 
 PRESETS = ("emap", "paper")
 
@@ -63,7 +68,14 @@ class Dem:
         Root mean square of point minus surface over the points used, vertical unit.
     noise_sigma : float or None
         Estimate of the points' own noise: the residuals' scale freed of the part that the
-        surface follows (see `degrees_of_freedom`).
+        surface follows; None when it follows all (see `emap.noise`).
+    noise : Noise or None
+        The same by region.
+    tuned : Tuned or None
+        The nets of the surface.
+    sigma : (h, w) array of float32 or None
+        Standard errors of the heights, vertical unit, NaN where void; when they were worked out
+        (`dem.sigma`).
     solver : dict
         The report's ``dem.solver``.
     z_min, z_max : float or None
@@ -90,6 +102,9 @@ class Dem:
     spacing: float | None = None
     residual_rmse: float | None = None
     noise_sigma: float | None = None
+    noise: Noise | None = field(default=None, repr=False)
+    tuned: Tuned | None = field(default=None, repr=False)
+    sigma: NDArray[np.float32] | None = field(default=None, repr=False)
     solver: dict[str, Any] = field(default_factory=dict)
     z_min: float | None = None
     z_max: float | None = None
@@ -137,6 +152,8 @@ class Dem:
     def free(self) -> None:
         """Give the arrays' memory back; the DEM must not be used any more."""
         self.scratch.free(self.z, self.flag, self.count)
+        if self.sigma is not None:
+            self.scratch.free(self.sigma)
 
 
 def make_dem(
@@ -156,6 +173,7 @@ def make_dem(
     preset: str = "emap",
     grid: Grid | None = None,
     barriers: Barriers | None = None,
+    with_noise: bool = False,
 ) -> Dem:
     """
     Make a DEM.
@@ -189,6 +207,8 @@ def make_dem(
         Cells to make, whatever `cell` and the points' box say; points outside don't count.
     barriers : Barriers, optional
         Break lines and water; not for plain baselines.
+    with_noise : bool
+        Tell the points' noise by blocks, for standard errors: costs as much again as the surface.
 
     Returns
     -------
@@ -237,15 +257,23 @@ def make_dem(
 
         placed = place(barriers, outer, points, s, scratch)
     z, solver = fit(points, outer, tuned, dem, tol, progress, placed)
-    rms = math.sqrt(sum_of_squares(points, outer, tuned, z, scratch, placed) / len(points))
-    n_void = _finish(dem, points, z, gap, fill, s, placed)
+    if with_noise:
+        freedom = answer(points, outer, tuned, scratch)
+        block = max(1, round(NOISE_BLOCK * s / grid.cell))
+        noise = measure(tuned.springs, partial(readings, points, outer), z, freedom, block, scratch)
+        scratch.free(freedom)
+        dem = replace(dem, noise=noise, residual_rmse=noise.residual_rms, noise_sigma=noise.sigma)
+    else:
+        rms = math.sqrt(sum_of_squares(points, outer, tuned, z, scratch, placed) / len(points))
+        part = degrees_of_freedom(tuned.nets, grid.cell, s)
+        sigma = rms / math.sqrt(1 - part) if part < MAX_FREEDOM else None
+        dem = replace(dem, residual_rmse=rms, noise_sigma=sigma)
+    found = _finish(dem, points, z, gap, fill, s, placed)
     scratch.free(z)
     if placed is not None:
         dem = replace(dem, barriers=placed.document, notes=tuple(placed.warnings))
         placed.free()
-    freedom = degrees_of_freedom(tuned.nets, grid.cell, s)
-    sigma = rms / math.sqrt(1 - freedom) if freedom < MAX_FREEDOM else None
-    return replace(dem, spacing=s, residual_rmse=rms, noise_sigma=sigma, solver=solver, **n_void)
+    return replace(dem, spacing=s, tuned=tuned, solver=solver, **found)
 
 
 def gap_cells(crs: CrsInfo, cell: float, max_gap: float | None) -> float:
