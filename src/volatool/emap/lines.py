@@ -37,9 +37,7 @@ class Lines:
     scratch: Scratch = field(default_factory=Scratch, repr=False)
 
     @classmethod
-    def place(
-        cls, ends: F64, shape: tuple[int, int], scratch: Scratch | None = None
-    ) -> Lines:
+    def place(cls, ends: F64, shape: tuple[int, int], scratch: Scratch | None = None) -> Lines:
         """
         Place segments on a grid.
 

@@ -179,7 +179,15 @@ class Hierarchy:
         for k in range(n):
             unit.flat[k] = 1.0
             spring.apply_rows(
-                level.data, unit, float(level.kb), float(level.km), 0, height, out, dots, level.edges
+                level.data,
+                unit,
+                float(level.kb),
+                float(level.km),
+                0,
+                height,
+                out,
+                dots,
+                level.edges,
             )
             matrix[:, k] = out.ravel()
             unit.flat[k] = 0.0
