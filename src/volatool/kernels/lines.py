@@ -29,7 +29,8 @@ def crossed(segments, k, axis, n_lines, n_edges, out):
     n_lines, n_edges : int
         Rows and columns minus one for axis 0; columns and rows minus one for axis 1.
     out : (m, 2) array of int64
-        Set to (line, edge on it, -1 for all before the first); m is at least the number of node lines between the ends.
+        Set to (line, edge on it, or -1 for all before the first); m is at least the number of node
+        lines between the ends.
 
     Returns
     -------
