@@ -187,6 +187,9 @@ dem = group(
     click.option("--k-surface", type=float, metavar="K", help="Stiffness of the surface springs."),
     click.option("--k-point", type=float, metavar="K", help="Stiffness of the point springs."),
     click.option(
+        "--ell", type=LengthType(), help="Longer waves feel tension, shorter ones bending."
+    ),
+    click.option(
         "--tol",
         type=LengthType(),
         default="0.1mm",
@@ -195,9 +198,20 @@ dem = group(
     ),
     click.option(
         "--layers",
-        type=WordsType("count", "flag", "distance"),
+        type=WordsType("count", "flag", "distance", "sigma"),
         default="none",
-        help="More rasters beside the DEM: count,flag,distance.",
+        help="More rasters beside the DEM: count,flag,distance,sigma (standard error).",
+    ),
+    click.option(
+        "--sigma",
+        type=LengthType(),
+        help="Noise of the points' heights.  [default: estimated, by region]",
+    ),
+    click.option(
+        "--holdout",
+        type=click.FloatRange(0, 50, min_open=True),
+        metavar="PERCENT",
+        help="Judge the DEM by so many points, made once more without them; see the report.",
     ),
     click.option(
         "--neighbours",
@@ -217,6 +231,14 @@ dem = group(
         help="Cell and stiffness of a whole set, from the reports of a first run.",
     ),
     click.option("--like", metavar="REF.tif", help="Cells, corner and extent of a raster."),
+    click.option(
+        "--breaklines",
+        metavar="FILE",
+        help="Lines (GeoJSON, GeoPackage, ...) that the surface may break along.",
+    ),
+    click.option(
+        "--water", metavar="FILE", help="Polygons: lakes become level, river banks may break."
+    ),
 )
 
 output = group(

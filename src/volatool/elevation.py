@@ -89,11 +89,16 @@ def make_elevation(
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
     own, wide = grids_of(points, source, options) if seam is None else (seam.own, seam.grid)
     dem = dem_of(points, source, options, scratch, shared, wide)
+    holdout = _holdout(points, dem, source, options, shared)
+    dem, uncertainty = _with_sigma(points, dem, source, options)
     points.close()
     if own is not None:
         dem = crop(dem, own)
     resources.drop_library_code()
     document = write_elevation(dem, source.name, options, outputs, target)
+    document["holdout"] = holdout
+    if uncertainty is not None:
+        document["sigma"] = uncertainty
     warnings = [*points.warnings, *solver_warnings(dem)]
     if seam is not None:
         document["buffer"] = seam.document
@@ -141,16 +146,61 @@ def write_elevation(
 
 
 def solver_warnings(dem: Dem) -> list[CodedWarning]:
-    """Say when the solver gave up before its tolerance was met."""
+    """Say what came up while the model was made, and when the solver gave up short of --tol."""
     if dem.solver.get("converged", True):
-        return []
+        return list(dem.notes)
     return [
+        *dem.notes,
         CodedWarning(
             "W_NOT_CONVERGED",
             f"the solver stopped after {dem.solver['iterations']} iterations short of --tol; the "
             "surface is too soft or too stiff for the points: leave out --k-surface and --k-point",
-        )
+        ),
     ]
+
+
+def _known_noise(source: Source, options: ConvertOptions) -> float | None:
+    """Return ``--sigma`` in the vertical unit."""
+    sigma = options.sigma
+    return None if sigma is None else float(sigma.in_units(source.crs.metres_per_unit_z))
+
+
+def _holdout(
+    points: SurfacePoints,
+    dem: Dem,
+    source: Source,
+    options: ConvertOptions,
+    shared: Parameters | None,
+) -> dict[str, Any] | None:
+    """Return the report's ``dem.holdout``, if it is asked for."""
+    if options.holdout is None:
+        return None
+    from volatool.dem.holdout import assess
+
+    def again(train: SurfacePoints) -> Dem:
+        return dem_of(train, source, options, dem.scratch, shared, dem.grid)
+
+    return assess(points, dem, options.holdout, again, _known_noise(source, options))
+
+
+def _with_sigma(
+    points: SurfacePoints, dem: Dem, source: Source, options: ConvertOptions
+) -> tuple[Dem, dict[str, Any] | None]:
+    """Return the model with its standard errors and the report's ``dem.sigma``, if asked for."""
+    known = _known_noise(source, options)
+    if known is not None and dem.tuned is not None:
+        dem = replace(dem, noise_sigma=known)
+    if "sigma" not in options.layers or dem.tuned is None or dem.spacing is None:
+        return dem, None
+    from volatool.dem.sigma import fit, sigma_layer
+
+    scratch = dem.scratch
+    model = fit(points, dem.grid, dem.tuned, dem.noise, dem.spacing, dem.crs, scratch, known)
+    if model is None:
+        return dem, None
+    return replace(dem, sigma=sigma_layer(points, dem.grid, dem.flag, model, scratch)), (
+        model.to_dict()
+    )
 
 
 def dem_of(
@@ -183,6 +233,11 @@ def dem_of(
 
     unit = source.crs.metres_per_unit_xy
     cell, gap = options.cell, options.max_gap
+    barriers = None
+    if options.breaklines is not None or options.water is not None:
+        from volatool.dem.vectors import read_barriers
+
+        barriers = read_barriers(options.breaklines, options.water, source.crs)
     dem = make_dem(
         points,
         source.crs,
@@ -192,10 +247,13 @@ def dem_of(
         k_surface=options.k_surface,
         k_point=options.k_point,
         spacing=None if shared is None else shared.spacing,
+        ell=None if options.ell is None else float(options.ell.in_units(unit)),
         tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
         scratch=scratch,
         preset=options.preset,
         grid=grid,
+        barriers=barriers,
+        with_noise="sigma" in options.layers or options.holdout is not None,
     )
     logger.info(
         "%s: %s of %d x %d cells of %g, %s iterations",

@@ -13,7 +13,12 @@ from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol", "buffer")
+_LENGTHS = (
+    "cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer", "sigma",
+)  # fmt: skip
+
+MAX_HOLDOUT = 50.0
+"""Per cent of the points."""
 
 _TOLERANCE = Length.parse("0.1mm")
 
@@ -94,8 +99,14 @@ class ConvertOptions:
         Fill cells without points.
     k_surface, k_point : float, optional
         Spring stiffness.
+    ell : Length or str, optional
+        Length beyond which tension rules over bending.
     layers : tuple of str
-        ``"count"``, ``"flag"``, ``"distance"``.
+        ``"count"``, ``"flag"``, ``"distance"``, ``"sigma"``.
+    sigma : Length, optional
+        Noise of the points' heights, when it is known better than the points tell.
+    holdout : float, optional
+        Per cent of the points to judge the elevation model by, made once more without them.
     neighbours : tuple of str
         Files, folders, patterns or ``@list`` of the tiles around, for seams of the elevation model.
     buffer : Length, optional
@@ -104,6 +115,8 @@ class ConvertOptions:
         A GeoTIFF whose cells and extent the elevation model gets.
     params_from : str, optional
         A file of reports, for the cell and stiffness of a whole set.
+    breaklines, water : str, optional
+        Vector files: lines that no spring crosses; lakes and rivers.
     preview : bool
         Write a picture.
     memory : int
@@ -152,12 +165,17 @@ class ConvertOptions:
     preset: str = "emap"
     k_surface: float | None = None
     k_point: float | None = None
+    ell: Length | None = None
     tol: Length = _TOLERANCE
     layers: tuple[str, ...] = ()
+    sigma: Length | None = None
+    holdout: float | None = None
     neighbours: tuple[str, ...] = ()
     buffer: Length | None = None
     like: str | None = None
     params_from: str | None = None
+    breaklines: str | None = None
+    water: str | None = None
     preview: bool = False
     memory: int = DEFAULT_MEMORY_BYTES
     resources: bool = True
@@ -179,6 +197,13 @@ class ConvertOptions:
             if value is not None and not 0 < value < float("inf"):
                 flag = "--" + name.replace("_", "-")
                 raise OptionError(f"{flag} must be a number greater than 0, got {value}")
+        if self.holdout is not None and not 0 < self.holdout <= MAX_HOLDOUT:
+            raise OptionError(f"--holdout must be above 0 and at most 50, got {self.holdout}")
+        if "sigma" in self.layers and self.surface not in ("auto", "dtm", "dsm"):
+            raise OptionError(
+                "--layers sigma is for surfaces made by springs: leave out "
+                f"--surface {self.surface}"
+            )
         if self.chunk_points < 1:
             raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
         if self.split is not None and (self.cube != "auto" or self.snap):
@@ -188,6 +213,9 @@ class ConvertOptions:
         if self.compat == "toolkit":
             self._check_toolkit()
         self._check_seams()
+        for name in ("breaklines", "water"):
+            if getattr(self, name) is not None and self.surface not in ("auto", "dtm", "dsm"):
+                raise OptionError(f"--{name} is for EMap surfaces, not --surface {self.surface}")
 
     def _check_seams(self) -> None:
         """Refuse what can't be the same for all tiles of a set."""
@@ -264,7 +292,7 @@ class ConvertOptions:
         for name, words in allowed.items():
             if getattr(self, name) not in words:
                 raise OptionError(f"{name} must be one of {words}, got {getattr(self, name)!r}")
-        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance"))):
+        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance", "sigma"))):
             unknown = [word for word in getattr(self, name) if word not in known]
             if unknown:
                 raise OptionError(f"{name}: {unknown[0]!r} is not one of {known}")

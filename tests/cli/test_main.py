@@ -15,7 +15,8 @@ import pytest
 from volatool_cli.main import cli
 
 COMMANDS = [
-    "convert", "stats", "info", "dem", "classify", "validate", "emap", "reproduce", "doctor",
+    "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
+    "doctor",
 ]  # fmt: skip
 
 

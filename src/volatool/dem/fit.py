@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid
+from volatool.emap.noise import TOL, signs
 from volatool.emap.solve import SolveInfo, solve
 from volatool.emap.system import STRIP_CELLS, Evidence, strips
 from volatool.emap.tuning import Net, Tuned
@@ -16,17 +19,19 @@ from volatool.model import F64, Progress
 from volatool.scratch import Scratch
 
 if TYPE_CHECKING:
+    from volatool.dem.barriers import Placed
     from volatool.dem.surfaces import Dem
-
-
-def _row_windows(shape: tuple[int, int], is_spilled: bool) -> list[tuple[int, int]]:
-    """Row windows to pass all points for: one, unless the grid is not in RAM."""
-    height, width = shape
-    return list(strips(height, width, 4 * STRIP_CELLS if is_spilled else height * width))
+    from volatool.emap.lines import Lines
 
 
 def fit(
-    points: SurfacePoints, outer: Grid, tuned: Tuned, dem: Dem, tol: float, progress: Progress
+    points: SurfacePoints,
+    outer: Grid,
+    tuned: Tuned,
+    dem: Dem,
+    tol: float,
+    progress: Progress,
+    barriers: Placed | None = None,
 ) -> tuple[F64, dict[str, Any]]:
     """
     Solve net after net.
@@ -45,6 +50,8 @@ def fit(
         Stop of the solver, vertical unit.
     progress : callable
         Told the iterations.
+    barriers : Placed, optional
+        What no spring crosses.
 
     Returns
     -------
@@ -61,11 +68,20 @@ def fit(
         progress(before + done, before + of * (len(tuned.nets) - len(infos)))
 
     for net in tuned.nets:
-        evidence = _evidence(points, outer, net, dem, z)
-        # each net may add its error to those before
+        evidence = _evidence(points, outer, net, dem, z, barriers)
+        # what is left for a later net is small: level 0 is a better start than a multigrid pass
+        level = None if z is None else dem.scratch.zeros(evidence.shape, np.float64)
         part, info = solve(
-            evidence, net.springs, tol=tol / len(tuned.nets), consume=True, progress=tell
+            evidence,
+            net.springs,
+            tol=tol,
+            start=level,
+            consume=True,
+            progress=tell,
+            cuts=None if barriers is None else barriers.cuts,
         )
+        if level is not None:
+            dem.scratch.free(level)
         infos.append(info)
         if z is None:
             z = part
@@ -98,15 +114,21 @@ def _describe(net: Net, cell: float) -> dict[str, float | None]:
 
 
 def _evidence(
-    points: SurfacePoints, outer: Grid, net: Net, dem: Dem, before: F64 | None
+    points: SurfacePoints,
+    outer: Grid,
+    net: Net,
+    dem: Dem,
+    before: F64 | None,
+    barriers: Placed | None,
 ) -> Evidence:
     """
     Sum the springs of the points, of their heights above the nets before.
 
     The first time (`before` is None) it also sets the DEM's counts.
     """
-    from volatool.kernels import binning, spring
+    from volatool.kernels import binning
 
+    lines = None if barriers is None else barriers.cuts.lines
     evidence = Evidence(outer.height, outer.width, dem.scratch)
     zero = stored_zero(points)
     for first, last in evidence.windows():
@@ -117,10 +139,10 @@ def _evidence(
                 below = np.zeros(len(rows))
                 # points that pull on the window's first row may lie in the row above
                 top = max(first - 1, 0)
-                spring.interpolate(before, col, row, net.springs.is_nearest, top, last, below)
+                _read(before, col, row, net.springs.is_nearest, (top, last), lines, below)
                 heights -= below
                 dem.scratch.relax(before)
-            evidence.add(col, row, heights, net.springs, (first, last))
+            evidence.add(col, row, heights, net.springs, (first, last), lines=lines)
             if before is None:
                 # the DEM's rows in this window: its row r is row r + 1 of the outer grid
                 low, high = max(first - 1, 0), last - 1 if last < outer.height else last
@@ -129,7 +151,28 @@ def _evidence(
         dem.scratch.relax(dem.count)
     if net.tether:
         evidence.tether(net.tether)
+    elif barriers is not None:
+        barriers.hold(evidence, net.springs.weight)
     return evidence
+
+
+def _read(
+    z: F64,
+    col: F64,
+    row: F64,
+    is_nearest: bool,
+    window: tuple[int, int],
+    lines: Lines | None,
+    out: F64,
+) -> None:
+    """Read a surface at points, each on its own side of the lines."""
+    from volatool.kernels import spring
+    from volatool.kernels.lines import cut_interpolate
+
+    if lines is None:
+        spring.interpolate(z, col, row, is_nearest, *window, out)
+    else:
+        cut_interpolate(z, col, row, is_nearest, *window, *lines.tables, out)
 
 
 def stored_zero(points: SurfacePoints) -> np.int64:
@@ -138,20 +181,121 @@ def stored_zero(points: SurfacePoints) -> np.int64:
 
 
 def sum_of_squares(
-    points: SurfacePoints, outer: Grid, tuned: Tuned, z: F64, scratch: Scratch
+    points: SurfacePoints,
+    outer: Grid,
+    tuned: Tuned,
+    z: F64,
+    scratch: Scratch,
+    barriers: Placed | None = None,
 ) -> float:
     """Return the sum of the squares of point minus surface."""
-    from volatool.kernels import spring
-
+    lines = None if barriers is None else barriers.cuts.lines
     zero = stored_zero(points)
     sums: list[float] = []
-    windows = _row_windows((outer.height, outer.width), bool(scratch.spilled_bytes))
+    cells = 4 * STRIP_CELLS if scratch.spilled_bytes else outer.height * outer.width
+    windows = list(strips(outer.height, outer.width, cells))
     for rows in points.pieces():
         col, row = outer.places(rows, points.scale, points.offset)
         fit = np.empty(len(rows))
         for first, last in windows:
-            spring.interpolate(z, col, row, tuned.springs.is_nearest, first, last, fit)
+            _read(z, col, row, tuned.springs.is_nearest, (first, last), lines, fit)
             scratch.relax(z, first, last)
         fit -= (rows[:, 2] - zero) * points.scale[2]
-        sums.append(float(np.sum(np.square(fit))))
+        sums.append(float(np.nansum(np.square(fit))))  # NaN: lines all round
     return math.fsum(sums)
+
+
+def readings(
+    points: SurfacePoints, grid: Grid
+) -> Iterator[tuple[NDArray[np.int32], F64, F64, F64]]:
+    """
+    Yield points, their places on a grid, and their heights above `stored_zero`.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Points.
+    grid : Grid
+        Their places are in its cells.
+    """
+    zero = stored_zero(points)
+    for rows in points.pieces():
+        heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
+        yield rows, *grid.places(rows, points.scale, points.offset), heights
+
+
+def fit_nets(
+    read: Callable[[], Iterable[tuple[NDArray[np.int32], F64, F64, F64]]],
+    shape: tuple[int, int],
+    nets: Sequence[Net],
+    tol: float,
+    scratch: Scratch,
+) -> F64:
+    """
+    Return the surface of nets through points, without a DEM around it.
+
+    Parameters
+    ----------
+    read : callable
+        Yields stored points, their places and heights, anew at each call.
+    shape : tuple of 2 int
+        Rows and columns of nodes.
+    nets : sequence of Net
+        Solved one after the other.
+    tol : float
+        Stop of the solver.
+    scratch : Scratch
+        Where grids live.
+
+    Returns
+    -------
+    z : (h, w) array of float64
+        Sum of the nets' heights; give it back with ``scratch.free``.
+    """
+    from volatool.kernels import spring
+
+    z: F64 | None = None
+    for net in nets:
+        evidence = Evidence(*shape, scratch)
+        for first, last in evidence.windows():
+            for _, col, row, heights in read():
+                if z is not None:
+                    below = np.zeros(len(heights))
+                    top = max(first - 1, 0)
+                    spring.interpolate(z, col, row, net.springs.is_nearest, top, last, below)
+                    heights = heights - below
+                    scratch.relax(z)
+                evidence.add(col, row, heights, net.springs, (first, last))
+            evidence.relax(first, last)
+        if net.tether:
+            evidence.tether(net.tether)
+        part, _ = solve(evidence, net.springs, tol=tol / len(nets), consume=True)
+        if z is None:
+            z = part
+            continue
+        for start, stop in strips(*shape):
+            z[start:stop] += part[start:stop]
+            scratch.relax(z, start, stop)
+            scratch.relax(part, start, stop)
+        scratch.free(part)
+    assert z is not None
+    return z
+
+
+def answer(points: SurfacePoints, outer: Grid, tuned: Tuned, scratch: Scratch) -> F64:
+    """
+    Return the surface through random signs in place of heights, for `emap.noise.measure`.
+
+    Parameters
+    ----------
+    points, outer, tuned
+        As for `fit`.
+    scratch : Scratch
+        Where grids live.
+    """
+
+    def read() -> Iterator[tuple[NDArray[np.int32], F64, F64, F64]]:
+        for rows, col, row, _ in readings(points, outer):
+            yield rows, col, row, signs(rows)
+
+    return fit_nets(read, (outer.height, outer.width), tuned.nets, TOL, scratch)

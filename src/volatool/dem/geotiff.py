@@ -31,6 +31,7 @@ from volatool.dem.grid import MAX_CELLS, Grid
 from volatool.dem.statistics import RasterStatistics
 from volatool.dem.surfaces import NODATA, Dem
 from volatool.errors import FormatError, InputNotFoundError, OutputError, ResourceError
+from volatool.model import F64
 from volatool.scratch import no_space
 
 BLOCK = 512
@@ -39,7 +40,7 @@ BLOCK = 512
 CACHE_MB = 16
 """GDAL's block cache; its default is 5 % of the machine's memory."""
 
-Layer = Literal["flag", "count", "distance"]
+Layer = Literal["flag", "count", "distance", "sigma"]
 
 Problem = tuple[str, str, int | None]
 """Code, message, and byte offset if known, as in ``volatool validate``."""
@@ -56,6 +57,7 @@ _DESCRIPTIONS = {
     "flag": "0 void, 1 measured, 2 filled",
     "count": "points of the surface per cell",
     "distance": "distance to the nearest measured cell",
+    "sigma": "standard error of the elevation at the cell's centre",
 }
 
 
@@ -143,25 +145,29 @@ def write_layer(
     dem : Dem
         The DEM.
     kind : str
-        ``"flag"`` (uint8), ``"count"`` (uint32) or ``"distance"`` (float32, horizontal unit;
-        nodata when nothing is measured).
+        ``"flag"`` (uint8), ``"count"`` (uint32), ``"distance"`` (float32, horizontal unit;
+        nodata when nothing is measured) or ``"sigma"`` (float32, vertical unit; nodata where
+        void, and everywhere when nothing tells the noise).
     tags, directory
         As for `write_dem`.
     """
-    layer: NDArray[Any] = getattr(dem, kind)
-    is_float = kind == "distance"
+    layer: NDArray[Any] | None = getattr(dem, kind)
+    is_float = kind in ("distance", "sigma")
 
     def values(start: int, stop: int) -> NDArray[Any]:
+        if layer is None:  # standard errors that nothing tells
+            return np.full((stop - start, dem.grid.width), NODATA, np.float32)
         rows = layer[start:stop]
         if is_float:
             rows = np.where(np.isfinite(rows), rows, np.float32(NODATA))
         return rows
 
-    unit = dem.crs.unit_xy if is_float else None
+    unit = {"distance": dem.crs.unit_xy, "sigma": dem.crs.unit_z}.get(kind)
     nodata = NODATA if is_float else None
-    profile = _profile(dem, str(layer.dtype), nodata, unit, _DESCRIPTIONS[kind])
+    dtype = "float32" if layer is None else str(layer.dtype)
+    profile = _profile(dem, dtype, nodata, unit, _DESCRIPTIONS[kind])
     _write(path, profile, values, dict(tags or {}), "AVERAGE" if is_float else "MODE", directory)
-    if is_float:
+    if kind == "distance" and layer is not None:
         dem.scratch.free(layer)
 
 
@@ -370,6 +376,95 @@ def read_grid(path: Path) -> tuple[Grid, str | None]:
             )
         wkt = file.crs.to_wkt(version="WKT2_2019") if file.crs else None
         return Grid(t.c, t.f, t.a, file.width, file.height), wkt
+
+
+def read_heights_at(path: Path, x: F64, y: F64) -> tuple[F64, NDArray[np.bool_]]:
+    """
+    Return a raster's values at places, bilinear between the cells' centres.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A GeoTIFF of one band with square cells, north up.
+    x, y : (n,) arrays of float64
+        Places, in the raster's CRS.
+
+    Returns
+    -------
+    values : (n,) array of float64
+        NaN off the raster and where one of the four cells has no value. Within half a cell of
+        the rim the outermost centres' value holds.
+    inside : (n,) array of bool
+        On the raster.
+
+    Raises
+    ------
+    InputNotFoundError, FormatError
+        Not there; not such a file.
+    """
+    values = np.full(len(x), np.nan)
+    with _one_band(path) as (file, read):
+        col, row = _places(file, x, y)
+        inside = (col >= 0) & (col <= file.width) & (row >= 0) & (row <= file.height)
+        for k in np.flatnonzero(inside):
+            u = min(max(col[k] - 0.5, 0.0), file.width - 1.0)
+            v = min(max(row[k] - 0.5, 0.0), file.height - 1.0)
+            q, r = int(u), int(v)
+            part_x, part_y = u - q, v - r
+            # a cell without weight need not have a value, nor be there
+            n, m = 1 + (part_x > 0), 1 + (part_y > 0)
+            cells = read(q, r, n, m)
+            across = np.array([1 - part_x, part_x][:n])
+            down = np.array([1 - part_y, part_y][:m])
+            values[k] = down @ cells @ across
+    return values, inside
+
+
+def read_values_at(path: Path, x: F64, y: F64) -> F64:
+    """
+    Return the values of the cells that hold places; NaN off the raster and for nodata.
+
+    Parameters
+    ----------
+    path, x, y
+        As for `read_heights_at`.
+    """
+    values = np.full(len(x), np.nan)
+    with _one_band(path) as (file, read):
+        col, row = _places(file, x, y)
+        inside = (col >= 0) & (col <= file.width) & (row >= 0) & (row <= file.height)
+        for k in np.flatnonzero(inside):
+            q, r = min(int(col[k]), file.width - 1), min(int(row[k]), file.height - 1)
+            values[k] = read(q, r, 1, 1)[0, 0]
+    return values
+
+
+@contextlib.contextmanager
+def _one_band(path: Path) -> Iterator[tuple[Any, Callable[[int, int, int, int], F64]]]:
+    """Open a raster of one band, north up; gives it and a function that reads a window."""
+    import rasterio
+    from rasterio.windows import Window
+
+    if not path.exists():
+        raise InputNotFoundError(f"{path}: no such file")
+    with _gdal(path, is_output=False), rasterio.open(path) as file:
+        t = file.transform
+        if file.count != 1 or t.b or t.d or not math.isclose(t.a, -t.e):
+            raise FormatError(f"{path}: not a raster of one band with square cells, north up")
+
+        def read(col: int, row: int, width: int, height: int) -> F64:
+            cells = file.read(1, window=Window(col, row, width, height))
+            values = np.asarray(cells, np.float64)
+            if file.nodata is not None:
+                values[cells == cells.dtype.type(file.nodata)] = np.nan
+            return values
+
+        yield file, read
+
+
+def _places(file: Any, x: F64, y: F64) -> tuple[F64, F64]:
+    t = file.transform
+    return (x - t.c) / t.a, (y - t.f) / t.e
 
 
 def read_profile(path: Path) -> dict[str, Any]:

@@ -124,6 +124,13 @@ class Hierarchy:
             self.levels.append(coarse)
         self.inverse = self._invert(self.levels[-1])
 
+    def load(self, evidence: Evidence) -> None:
+        """Take the right side of other evidence with the same data springs."""
+        finest = self.levels[0]
+        for start, stop in strips(*finest.shape):
+            finest.right[start:stop] = evidence.right[start:stop]
+            self._relax(start, stop, finest.right)
+
     def _level(self, height: int, width: int, kb: float, km: float) -> Level:
         zeros = self.scratch.zeros
         shape = (height, width)

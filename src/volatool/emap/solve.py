@@ -62,6 +62,7 @@ def solve(
     start: F64 | None = None,
     max_iterations: int | None = None,
     consume: bool = False,
+    hierarchy: Hierarchy | None = None,
     progress: Progress = no_progress,
     cuts: Cuts | None = None,
 ) -> tuple[F64, SolveInfo]:
@@ -83,6 +84,9 @@ def solve(
         Give up after so many, `SolveInfo.converged` tells; 100 by default, 400 with cuts.
     consume : bool
         Free the evidence on the way, to save memory.
+    hierarchy : Hierarchy, optional
+        Of the same data springs and the same surface springs, to be used again; made and given
+        back by default.
     progress : callable, optional
         Told (iterations done, a guess of how many there will be).
     cuts : Cuts, optional
@@ -106,7 +110,11 @@ def solve(
     if limit is None:
         limit = 100 if cuts is None else 400
     scratch = evidence.scratch
-    hierarchy = Hierarchy(evidence, springs, scratch, cuts)
+    is_lent = hierarchy is not None
+    if hierarchy is None:
+        hierarchy = Hierarchy(evidence, springs, scratch, cuts)
+    else:
+        hierarchy.load(evidence)
     work = _Work(evidence, hierarchy, scratch)
     norm = work.begin(springs, start, consume)
     iterations = 0
@@ -125,7 +133,8 @@ def solve(
         iterations += 1
     work.finish()
     levels = len(hierarchy.levels)
-    hierarchy.free()
+    if not is_lent:
+        hierarchy.free()
     info = SolveInfo(
         iterations,
         largest,
