@@ -195,8 +195,13 @@ def write_lake(path: Path) -> int:
     u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     is_wet = (scene.terrain(u.ravel(), v.ravel()) < LAKE).reshape(u.shape).astype(np.uint8)
     found = [shape["coordinates"][0] for shape, value in shapes(is_wet) if value]
-    ring = np.array(max(found, key=len), float)
-    middles = (ring[1:] + ring[:-1]) / 2 + sample.corner  # cuts the corners of the squares
+    corners = np.array(max(found, key=len))
+    ring = [corners[0]]
+    for corner in corners[1:]:  # metre by metre
+        n = int(np.abs(corner - ring[-1]).max())
+        ring += [ring[-1] + (corner - ring[-1]) * k / n for k in range(1, n + 1)]
+    sides = np.array(ring)
+    middles = (sides[1:] + sides[:-1]) / 2 + sample.corner  # cuts the corners of the squares
     places = [[round(x, 2), round(y, 2)] for x, y in [*middles.tolist(), middles[0].tolist()]]
     feature = {
         "type": "Feature",
