@@ -29,14 +29,25 @@ def command_reference() -> str:
         command = cli.get_command(context, name)
         assert command is not None
         parts.append(_help(command, name, context))
+        if isinstance(command, click.Group):
+            inner = click.Context(command, info_name=name, parent=context)
+            parts += [
+                _help(below, f"{name} {key}", context, inner)
+                for key, below in sorted(command.commands.items())
+            ]
     return "\n\n".join(parts) + "\n"
 
 
-def _help(command: click.Command, name: str, parent: click.Context | None) -> str:
+def _help(
+    command: click.Command,
+    name: str,
+    parent: click.Context | None,
+    group: click.Context | None = None,
+) -> str:
     context = click.Context(
         command,
-        info_name=name,
-        parent=parent,
+        info_name=name.split()[-1],
+        parent=group or parent,
         terminal_width=100,
         max_content_width=100,
         help_option_names=["-h", "--help"],

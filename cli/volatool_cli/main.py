@@ -15,7 +15,9 @@ from volatool_cli.commands.classify import classify
 from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
 from volatool_cli.commands.doctor import doctor
+from volatool_cli.commands.emap import emap
 from volatool_cli.commands.info import info
+from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
 from volatool_cli.exit_codes import ExitCode, code_for
@@ -72,7 +74,7 @@ def cli(ctx: click.Context) -> None:
         ctx.exit(ExitCode.USAGE)
 
 
-for command in (convert, stats, info, dem, classify, validate, doctor):
+for command in (convert, stats, info, dem, classify, emap, validate, reproduce, doctor):
     cli.add_command(command)
 
 

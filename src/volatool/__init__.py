@@ -15,6 +15,7 @@ from volatool.errors import VolatoolError
 if TYPE_CHECKING:
     from volatool.api import classify, convert, stats
     from volatool.cube import Cube
+    from volatool.emap.live import EMap
     from volatool.formats.registry import open_volume as open
     from volatool.model import Bounds
     from volatool.points.reader import stream
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "Bounds": ("volatool.model", "Bounds"),
     "Cube": ("volatool.cube", "Cube"),
+    "EMap": ("volatool.emap.live", "EMap"),
     "Report": ("volatool.report", "Report"),
     "VolaBuilder": ("volatool.vola.builder", "VolaBuilder"),
     "Volume": ("volatool.vola.volume", "Volume"),
@@ -38,6 +40,7 @@ _PLACES = {
 __all__ = [
     "Bounds",
     "Cube",
+    "EMap",
     "Report",
     "VolaBuilder",
     "VolatoolError",

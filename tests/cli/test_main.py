@@ -14,7 +14,9 @@ import pytest
 
 from volatool_cli.main import cli
 
-COMMANDS = ["convert", "stats", "info", "dem", "classify", "validate", "doctor"]
+COMMANDS = [
+    "convert", "stats", "info", "dem", "classify", "validate", "emap", "reproduce", "doctor",
+]  # fmt: skip
 
 
 def help_of(name):

@@ -52,6 +52,7 @@ _DESCRIPTIONS = {
     "mean": "elevation, mean of the points per cell",
     "idw": "elevation, bare earth, inverse distances",
     "tin": "elevation, bare earth, linear on triangles",
+    "emap": "elevation, EMap of scans",
     "flag": "0 void, 1 measured, 2 filled",
     "count": "points of the surface per cell",
     "distance": "distance to the nearest measured cell",

@@ -1,0 +1,1 @@
+"""The papers' experiments, made again: terrain, sensor, baseline, scores, tables and figures."""
