@@ -191,6 +191,7 @@ def dem_of(
         fill=options.fill,
         k_surface=options.k_surface,
         k_point=options.k_point,
+        ell=None if options.ell is None else float(options.ell.in_units(unit)),
         spacing=None if shared is None else shared.spacing,
         tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
         scratch=scratch,

@@ -13,7 +13,7 @@ from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol", "buffer")
+_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer")
 
 _TOLERANCE = Length.parse("0.1mm")
 
@@ -93,7 +93,9 @@ class ConvertOptions:
     fill : bool
         Fill cells without points.
     k_surface, k_point : float, optional
-        Spring stiffness.
+        Spring stiffness. `k_surface` makes the surface of a single net.
+    ell : Length, optional
+        Length beyond which tension rules over bending, in a single net.
     layers : tuple of str
         ``"count"``, ``"flag"``, ``"distance"``.
     neighbours : tuple of str
@@ -152,6 +154,7 @@ class ConvertOptions:
     preset: str = "emap"
     k_surface: float | None = None
     k_point: float | None = None
+    ell: Length | None = None
     tol: Length = _TOLERANCE
     layers: tuple[str, ...] = ()
     neighbours: tuple[str, ...] = ()
@@ -181,6 +184,8 @@ class ConvertOptions:
                 raise OptionError(f"{flag} must be a number greater than 0, got {value}")
         if self.chunk_points < 1:
             raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
+        if self.ell is not None and self.preset == "paper":
+            raise OptionError("--ell is for bending springs: --preset paper has none")
         if self.split is not None and (self.cube != "auto" or self.snap):
             raise OptionError("--split cuts into snapped cubes: leave out --cube and --snap")
         if self.split is not None and self.budget is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid
 from volatool.emap.solve import SolveInfo, solve
-from volatool.emap.system import STRIP_CELLS, Evidence, strips
+from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
 from volatool.emap.tuning import Net, Tuned
 from volatool.model import F64, Progress
 from volatool.scratch import Scratch
@@ -60,13 +60,20 @@ def fit(
         before = sum(info.iterations for info in infos)
         progress(before + done, before + of * (len(tuned.nets) - len(infos)))
 
-    for net in tuned.nets:
-        evidence = _evidence(points, outer, net, dem, z)
+    evidence = _evidence(points, outer, tuned.springs, dem)
+    tether = 0.0
+    for number, net in enumerate(tuned.nets):
+        if net.tether != tether:
+            evidence.tether(net.tether - tether)
+            tether = net.tether
+        is_last = number == len(tuned.nets) - 1
         # each net may add its error to those before
         part, info = solve(
-            evidence, net.springs, tol=tol / len(tuned.nets), consume=True, progress=tell
+            evidence, net.springs, tol=tol / len(tuned.nets), consume=is_last, progress=tell
         )
         infos.append(info)
+        if not is_last:
+            evidence.subtract(part, tether)
         if z is None:
             z = part
             continue
@@ -97,15 +104,9 @@ def _describe(net: Net, cell: float) -> dict[str, float | None]:
     return {"k_surface": stiffness or net.springs.km, "ell": ell, "tether": tether}
 
 
-def _evidence(
-    points: SurfacePoints, outer: Grid, net: Net, dem: Dem, before: F64 | None
-) -> Evidence:
-    """
-    Sum the springs of the points, of their heights above the nets before.
-
-    The first time (`before` is None) it also sets the DEM's counts.
-    """
-    from volatool.kernels import binning, spring
+def _evidence(points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem) -> Evidence:
+    """Sum the springs of the points and set the DEM's counts."""
+    from volatool.kernels import binning
 
     evidence = Evidence(outer.height, outer.width, dem.scratch)
     zero = stored_zero(points)
@@ -113,22 +114,12 @@ def _evidence(
         for rows in points.pieces():
             col, row = outer.places(rows, points.scale, points.offset)
             heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
-            if before is not None:
-                below = np.zeros(len(rows))
-                # points that pull on the window's first row may lie in the row above
-                top = max(first - 1, 0)
-                spring.interpolate(before, col, row, net.springs.is_nearest, top, last, below)
-                heights -= below
-                dem.scratch.relax(before)
-            evidence.add(col, row, heights, net.springs, (first, last))
-            if before is None:
-                # the DEM's rows in this window: its row r is row r + 1 of the outer grid
-                low, high = max(first - 1, 0), last - 1 if last < outer.height else last
-                binning.count(col - 1.0, row - 1.0, low, high, dem.count)
+            evidence.add(col, row, heights, springs, (first, last))
+            # the DEM's rows in this window: its row r is row r + 1 of the outer grid
+            low, high = max(first - 1, 0), last - 1 if last < outer.height else last
+            binning.count(col - 1.0, row - 1.0, low, high, dem.count)
         evidence.relax(first, last)
         dem.scratch.relax(dem.count)
-    if net.tether:
-        evidence.tether(net.tether)
     return evidence
 
 
