@@ -184,7 +184,17 @@ dem = group(
         show_default=True,
         help="Springs: ours, or the EMap paper's membrane.",
     ),
-    click.option("--k-surface", type=float, metavar="K", help="Stiffness of the surface springs."),
+    click.option(
+        "--k-surface",
+        type=float,
+        metavar="K",
+        help="Stiffness of a single surface net.  [default: the sum of two, by the spacing]",
+    ),
+    click.option(
+        "--ell",
+        type=LengthType(),
+        help="Length beyond which a single net would rather be level than keep its slope.",
+    ),
     click.option("--k-point", type=float, metavar="K", help="Stiffness of the point springs."),
     click.option(
         "--ell", type=LengthType(), help="Longer waves feel tension, shorter ones bending."

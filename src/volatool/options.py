@@ -98,9 +98,9 @@ class ConvertOptions:
     fill : bool
         Fill cells without points.
     k_surface, k_point : float, optional
-        Spring stiffness.
-    ell : Length or str, optional
-        Length beyond which tension rules over bending.
+        Spring stiffness. `k_surface` makes the surface of a single net.
+    ell : Length, optional
+        Length beyond which tension rules over bending, in a single net.
     layers : tuple of str
         ``"count"``, ``"flag"``, ``"distance"``, ``"sigma"``.
     sigma : Length, optional
@@ -206,6 +206,8 @@ class ConvertOptions:
             )
         if self.chunk_points < 1:
             raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
+        if self.ell is not None and self.preset == "paper":
+            raise OptionError("--ell is for bending springs: --preset paper has none")
         if self.split is not None and (self.cube != "auto" or self.snap):
             raise OptionError("--split cuts into snapped cubes: leave out --cube and --snap")
         if self.split is not None and self.budget is not None:

@@ -140,7 +140,8 @@ def test_what_lines_close_off_without_a_point_is_void(tmp_path):
     assert np.isfinite(dem.z[39]).all()
 
 
-def test_a_lake_far_from_any_ground_is_void(tmp_path):
+def test_a_lake_far_from_any_ground_is_void(tmp_path, monkeypatch):
+    monkeypatch.setattr("volatool.dem.barriers.WIDENINGS", 1)
     rng = np.random.default_rng(0)
     x, y = np.round(rng.uniform(0, 8, (2, 300)), 2)
     points = ground(np.append(x, 700.0), np.append(y, 700.0), np.zeros(301))

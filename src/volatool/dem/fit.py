@@ -13,7 +13,7 @@ from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid
 from volatool.emap.noise import TOL, signs
 from volatool.emap.solve import SolveInfo, solve
-from volatool.emap.system import STRIP_CELLS, Evidence, strips
+from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
 from volatool.emap.tuning import Net, Tuned
 from volatool.model import F64, Progress
 from volatool.scratch import Scratch
@@ -67,8 +67,15 @@ def fit(
         before = sum(info.iterations for info in infos)
         progress(before + done, before + of * (len(tuned.nets) - len(infos)))
 
-    for net in tuned.nets:
-        evidence = _evidence(points, outer, net, dem, z, barriers)
+    evidence = _evidence(points, outer, tuned.springs, dem, barriers)
+    if barriers is not None:
+        barriers.hold(evidence, tuned.springs.weight)
+    tether = 0.0
+    for number, net in enumerate(tuned.nets):
+        if net.tether != tether:
+            evidence.tether(net.tether - tether)
+            tether = net.tether
+        is_last = number == len(tuned.nets) - 1
         # what is left for a later net is small: level 0 is a better start than a multigrid pass
         level = None if z is None else dem.scratch.zeros(evidence.shape, np.float64)
         part, info = solve(
@@ -76,13 +83,15 @@ def fit(
             net.springs,
             tol=tol,
             start=level,
-            consume=True,
+            consume=is_last,
             progress=tell,
             cuts=None if barriers is None else barriers.cuts,
         )
         if level is not None:
             dem.scratch.free(level)
         infos.append(info)
+        if not is_last:
+            evidence.subtract(part, tether)
         if z is None:
             z = part
             continue
@@ -114,18 +123,9 @@ def _describe(net: Net, cell: float) -> dict[str, float | None]:
 
 
 def _evidence(
-    points: SurfacePoints,
-    outer: Grid,
-    net: Net,
-    dem: Dem,
-    before: F64 | None,
-    barriers: Placed | None,
+    points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem, barriers: Placed | None
 ) -> Evidence:
-    """
-    Sum the springs of the points, of their heights above the nets before.
-
-    The first time (`before` is None) it also sets the DEM's counts.
-    """
+    """Sum the springs of the points and set the DEM's counts."""
     from volatool.kernels import binning
 
     lines = None if barriers is None else barriers.cuts.lines
@@ -135,24 +135,12 @@ def _evidence(
         for rows in points.pieces():
             col, row = outer.places(rows, points.scale, points.offset)
             heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
-            if before is not None:
-                below = np.zeros(len(rows))
-                # points that pull on the window's first row may lie in the row above
-                top = max(first - 1, 0)
-                _read(before, col, row, net.springs.is_nearest, (top, last), lines, below)
-                heights -= below
-                dem.scratch.relax(before)
-            evidence.add(col, row, heights, net.springs, (first, last), lines=lines)
-            if before is None:
-                # the DEM's rows in this window: its row r is row r + 1 of the outer grid
-                low, high = max(first - 1, 0), last - 1 if last < outer.height else last
-                binning.count(col - 1.0, row - 1.0, low, high, dem.count)
+            evidence.add(col, row, heights, springs, (first, last), lines=lines)
+            # the DEM's rows in this window: its row r is row r + 1 of the outer grid
+            low, high = max(first - 1, 0), last - 1 if last < outer.height else last
+            binning.count(col - 1.0, row - 1.0, low, high, dem.count)
         evidence.relax(first, last)
         dem.scratch.relax(dem.count)
-    if net.tether:
-        evidence.tether(net.tether)
-    elif barriers is not None:
-        barriers.hold(evidence, net.springs.weight)
     return evidence
 
 

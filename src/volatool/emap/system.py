@@ -211,6 +211,33 @@ class Evidence:
             self.data[start:stop, 0] += stiffness
             self.scratch.relax(self.data, start, stop)
 
+    def subtract(self, z: F64, tether: float = 0.0) -> None:
+        """
+        Take heights off those of the points: ``right -= data z``.
+
+        Parameters
+        ----------
+        z : (h, w) array of float64
+            Heights of the nodes, in the evidence's scratch.
+        tether : float
+            Of the springs that `tether` added: they don't say where points are.
+
+        Notes
+        -----
+        The same as adding the points anew with their heights above this surface, without a look
+        at the points.
+        """
+        from volatool.kernels import spring
+
+        product: F64 = self.scratch.zeros(self.shape, np.float64)
+        dots = np.empty(len(z))
+        for start, stop in strips(*self.shape):
+            spring.apply_rows(self.data, z, 0.0, 0.0, start, stop, product, dots, None)
+            self.right[start:stop] -= product[start:stop] - tether * z[start:stop]
+            for array in (self.data, z, product, self.right):
+                self.scratch.relax(array, start, stop)
+        self.scratch.free(product)
+
     def __iadd__(self, other: Evidence) -> Evidence:
         self.data += other.data
         self.right += other.right
