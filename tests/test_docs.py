@@ -80,3 +80,12 @@ def test_generated_pages_links_and_codes_are_up_to_date():
         [sys.executable, "docs/check.py"], cwd=TOP, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_the_python_of_the_page_on_live_scans_runs():
+    """All of it that needs no ROS bag."""
+    own = [code for code in blocks("docs/how-to/live.md", "python") if "rosbags" not in code]
+    assert len(own) == 1
+    done = subprocess.run([sys.executable, "-c", own[0]], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("(40, 40) ")

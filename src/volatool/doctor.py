@@ -56,9 +56,13 @@ def diagnose() -> dict[str, Any]:
 
 def warm_kernels() -> None:
     """Compile every kernel into the cache by converting a small made-up tile."""
+    from volatool.emap.live import EMap
     from volatool.options import ConvertOptions
     from volatool.tile import convert_tile
 
+    live = EMap((0, 0, 4, 4))
+    live.update(np.zeros((1, 3)))
+    live.heights_at(live.z[:1, :2])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "warm.las"
         path.write_bytes(_small_tile())

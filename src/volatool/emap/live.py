@@ -247,7 +247,8 @@ class EMap:
         ResourceError
             ``E_MEMORY``: the evidence would pass `max_bytes`; nothing has changed.
         """
-        points = np.asarray(scan, np.float64)
+        with np.errstate(invalid="ignore"):  # signalling NaNs
+            points = np.asarray(scan, np.float64)
         if points.size == 0:
             points = points.reshape(0, 3)
         if points.ndim != 2 or points.shape[1] < 3:

@@ -232,4 +232,5 @@ def _xyz(
             "E_NOT_SCAN",
         )
     array = np.frombuffer(data, dtype).reshape(shape, order="F" if is_fortran else "C")
-    return array[:, :3].astype(np.float64, order="C")
+    with np.errstate(invalid="ignore"):  # signalling NaNs
+        return array[:, :3].astype(np.float64, order="C")

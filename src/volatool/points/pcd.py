@@ -60,11 +60,9 @@ def parse_pcd(data: bytes) -> F64:
         ``E_CORRUPT``, ``E_TRUNCATED`` with the offset, ``E_SIZE``; without the file's name.
     """
     header = _header(data)
-    if header.kind == "ascii":
-        return _ascii(data, header)
-    if header.kind == "binary":
-        return _records(data, header)
-    return _packed(data, header)
+    readers = {"ascii": _ascii, "binary": _records, "binary_compressed": _packed}
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a point without a return too
+        return readers[header.kind](data, header)
 
 
 def _header(data: bytes) -> _Header:
