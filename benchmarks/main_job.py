@@ -36,15 +36,22 @@ class Cost:
     peak_mib: float
 
 
-def run(command: list[str]) -> Cost:
+def run(command: list[str], allowed: tuple[int, ...] = ()) -> Cost | None:
     """
     Run a command and measure it.
+
+    Parameters
+    ----------
+    command : list of str
+        Program and arguments.
+    allowed : tuple of int
+        Exit codes, besides 0, that don't end the benchmark.
 
     Returns
     -------
     cost : Cost
         Wall time from start to end, user and system time, and peak resident memory of the process
-        itself and of those it has waited for.
+        itself and of those it has waited for. None after one of the allowed codes.
     """
     start = time.perf_counter()
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as child:
@@ -53,6 +60,8 @@ def run(command: list[str]) -> Cost:
         _, status, usage = os.wait4(child.pid, 0)
         wall = time.perf_counter() - start
         child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode in allowed:
+        return None
     if child.returncode:
         sys.exit(f"{shlex.join(command)}\nexit code {child.returncode}\n{message.decode()}")
     unit = 2**20 if sys.platform == "darwin" else 2**10

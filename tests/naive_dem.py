@@ -109,3 +109,15 @@ def lowest(rows, cell_of, sign):
         key = cell_of(x, y)
         best[key] = min(best.get(key, (np.inf,)), (sign * z, x, y))
     return {key: (x, y, sign * z) for key, (z, x, y) in best.items()}
+
+
+def idw(x, y, z, at_x, at_y, n=12):
+    """Mean of the n nearest points by inverse squared distance, at each place."""
+    out = []
+    for px, py in zip(at_x, at_y, strict=True):
+        square = (x - px) ** 2 + (y - py) ** 2
+        near = np.argsort(square)[:n]
+        near = near[(square[near] <= 400) | (near == near[0])]
+        weight = 1 / square[near]
+        out.append(np.sum(weight * z[near]) / np.sum(weight))
+    return np.array(out)

@@ -11,6 +11,7 @@ import click
 
 from volatool import __version__
 from volatool.errors import VolatoolError
+from volatool_cli.commands.check import check
 from volatool_cli.commands.classify import classify
 from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
@@ -74,7 +75,7 @@ def cli(ctx: click.Context) -> None:
         ctx.exit(ExitCode.USAGE)
 
 
-for command in (convert, stats, info, dem, classify, emap, validate, reproduce, doctor):
+for command in (convert, stats, info, dem, check, classify, emap, validate, reproduce, doctor):
     cli.add_command(command)
 
 

@@ -16,6 +16,7 @@ from volatool_cli.params import (
     LengthType,
     SizeType,
     WordsType,
+    joined,
 )
 
 
@@ -33,8 +34,22 @@ nul_names = click.option(
 )
 
 of_class = group(
-    click.option("--class", "classes", type=CodesType(), help="Use only these class codes: 2,9."),
-    click.option("--exclude-class", "exclude_classes", type=CodesType(), help="Leave these out."),
+    click.option(
+        "--class",
+        "classes",
+        type=CodesType(),
+        multiple=True,
+        callback=joined,
+        help="Use only these class codes: 2,9.",
+    ),
+    click.option(
+        "--exclude-class",
+        "exclude_classes",
+        type=CodesType(),
+        multiple=True,
+        callback=joined,
+        help="Leave these out.",
+    ),
     click.option(
         "--returns",
         type=click.Choice(["all", "first", "last"]),
@@ -153,10 +168,10 @@ dem = group(
     ),
     click.option(
         "--surface",
-        type=click.Choice(["auto", "dtm", "dsm", "min", "max"]),
+        type=click.Choice(["auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin"]),
         default="auto",
         show_default="auto: dtm of ground-class points, else of the ground filter's",
-        help="Which points make the surface.",
+        help="Which points make the surface; from min on plain baselines without EMap.",
     ),
     click.option(
         "--max-gap", type=LengthType(), help="Fill no cell farther than this from a measured one."
@@ -180,10 +195,39 @@ dem = group(
     ),
     click.option(
         "--layers",
-        type=WordsType("count", "flag", "distance"),
+        type=WordsType("count", "flag", "distance", "sigma"),
         default="none",
-        help="More rasters beside the DEM: count,flag,distance.",
+        help="More rasters beside the DEM: count,flag,distance,sigma (standard error).",
     ),
+    click.option(
+        "--sigma",
+        type=LengthType(),
+        help="Noise of the points' heights.  [default: estimated, by region]",
+    ),
+    click.option(
+        "--holdout",
+        type=click.FloatRange(0, 50, min_open=True),
+        metavar="PERCENT",
+        help="Judge the DEM by so many points, made once more without them; see the report.",
+    ),
+    click.option(
+        "--neighbours",
+        multiple=True,
+        metavar="DIR|LIST",
+        help="Tiles around (folder, file, pattern, @list), so that DEMs meet at the seams.",
+    ),
+    click.option(
+        "--buffer",
+        type=LengthType(),
+        show_default="32 cells, twice --max-gap, and beyond gaps at the seam",
+        help="How far beyond the tile neighbours' points are used.",
+    ),
+    click.option(
+        "--params-from",
+        metavar="REPORTS",
+        help="Cell and stiffness of a whole set, from the reports of a first run.",
+    ),
+    click.option("--like", metavar="REF.tif", help="Cells, corner and extent of a raster."),
 )
 
 output = group(

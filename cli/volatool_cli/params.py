@@ -119,3 +119,9 @@ class DepthType(Base):
         except ValueError:
             pass
         self.fail(f"{value!r} is not auto or a depth from 1 to 10", param, ctx)
+
+
+def joined(ctx: Any, param: Any, value: Any) -> tuple[int, ...] | None:
+    """Return the codes of an option given several times, each once; None without any."""
+    del ctx, param
+    return tuple(dict.fromkeys(code for codes in value for code in codes)) if value else None

@@ -151,6 +151,11 @@ def _dry_run(
     codes = []
     for path in paths:
         try:
+            if kind == "dem" and path.name.lower().endswith(VOLUME_SUFFIXES):
+                _describe_volume(path)
+                for target in planned_outputs(path, options, kind, outdir):
+                    click.echo(str(target))
+                continue
             unmoved = replace(options, to_crs=None)
             with open_source(path, unmoved, allow_degrees=kind == "classify") as source:
                 crs = source.crs.horizontal or "no CRS"
@@ -164,3 +169,11 @@ def _dry_run(
             click.echo(str(target))
     if codes:
         sys.exit(_status(codes, len(paths)))
+
+
+def _describe_volume(path: Path) -> None:
+    """Say what a VOLA file's header and trailer tell."""
+    from volatool.formats.registry import read_info
+
+    found = read_info(path)
+    click.echo(f"{path}: a volume, {found.info.crs.horizontal or 'no CRS'}", err=True)

@@ -70,7 +70,8 @@ def warm_kernels() -> None:
         base = ConvertOptions(dense="always", layers=("distance",), preview=True, chunk_points=500)
         variants = [
             base,
-            replace(base, surface="min", preset="paper", crs="EPSG:25832+6360"),
+            replace(base, preset="paper", crs="EPSG:25832+6360"),
+            replace(base, surface="mean"),
             replace(base, compat="toolkit", depth=3, dem=False),
         ]
         for options in variants:

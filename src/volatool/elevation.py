@@ -20,8 +20,10 @@ from volatool.scratch import Scratch
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfaceGatherer, SurfacePoints
     from volatool.dem.geotiff import Layer
+    from volatool.dem.grid import Grid
+    from volatool.dem.parameters import Parameters
     from volatool.dem.surfaces import Dem
-    from volatool.points.source import Source
+    from volatool.points.source import Named, Source
 
 logger = logging.getLogger(__name__)
 
@@ -75,16 +77,62 @@ def make_elevation(
     target : callable
         Gives the path of an output for its suffix.
     """
-    from volatool.dem import geotiff
+    from volatool.dem.crop import crop
+    from volatool.dem.neighbours import seam_warning
+    from volatool.dem.placing import grids_of, seam_of, shared_parameters
 
-    points = surface.result(source.crs)
+    shared = shared_parameters(options, source.crs)
+    seam = seam_of(surface, source, options, scratch)
+    points = surface.result(source.crs) if seam is None else seam.points
     if points.extent is None:
         header, extent = source.header, (box[0], box[1], box[3], box[4])
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
-    dem = _dem(points, source, options, scratch)
+    own, wide = grids_of(points, source, options) if seam is None else (seam.own, seam.grid)
+    dem = dem_of(points, source, options, scratch, shared, wide)
+    holdout = _holdout(points, dem, source, options, shared)
+    dem, uncertainty = _with_sigma(points, dem, source, options)
     points.close()
+    if own is not None:
+        dem = crop(dem, own)
     resources.drop_library_code()
-    tags = {"SOURCE": readable(source.name), "OPTIONS": dumps(options.given())}
+    document = write_elevation(dem, source.name, options, outputs, target)
+    document["holdout"] = holdout
+    if uncertainty is not None:
+        document["sigma"] = uncertainty
+    warnings = [*points.warnings, *solver_warnings(dem)]
+    if seam is not None:
+        document["buffer"] = seam.document
+        warnings += [*seam.warnings, *seam_warning(options, dem.surface, shared is not None)]
+    return ElevationPart(dem, document, tuple(warnings))
+
+
+def write_elevation(
+    dem: Dem,
+    name: str,
+    options: ConvertOptions,
+    outputs: OutputSet,
+    target: Callable[[str], Path],
+) -> dict[str, Any]:
+    """
+    Write a model with its layers.
+
+    Parameters
+    ----------
+    dem : Dem
+        The model.
+    name : str
+        Of the input.
+    options, outputs, target
+        As for `make_elevation`.
+
+    Returns
+    -------
+    document : dict
+        The report's ``dem``.
+    """
+    from volatool.dem import geotiff
+
+    tags = {"SOURCE": readable(name), "OPTIONS": dumps(options.given())}
     path = target(".dem.tif")
     geotiff.write_dem(outputs.add(path), dem, tags=tags)
     layers = {}
@@ -94,10 +142,10 @@ def make_elevation(
         layers[layer] = layer_path.name
     document = {"path": path.name, **dem.to_dict(), "holdout": None, "layers": layers}
     document["solver"] = document["solver"] or None  # no points: nothing was solved
-    return ElevationPart(dem, document, (*points.warnings, *_solver_warnings(dem)))
+    return document
 
 
-def _solver_warnings(dem: Dem) -> list[CodedWarning]:
+def solver_warnings(dem: Dem) -> list[CodedWarning]:
     """Say when the solver gave up before its tolerance was met."""
     if dem.solver.get("converged", True):
         return []
@@ -110,8 +158,76 @@ def _solver_warnings(dem: Dem) -> list[CodedWarning]:
     ]
 
 
-def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch: Scratch) -> Dem:
-    """Return the model, lengths converted to the unit of the CRS."""
+def _known_noise(source: Source, options: ConvertOptions) -> float | None:
+    """Return ``--sigma`` in the vertical unit."""
+    sigma = options.sigma
+    return None if sigma is None else float(sigma.in_units(source.crs.metres_per_unit_z))
+
+
+def _holdout(
+    points: SurfacePoints,
+    dem: Dem,
+    source: Source,
+    options: ConvertOptions,
+    shared: Parameters | None,
+) -> dict[str, Any] | None:
+    """Return the report's ``dem.holdout``, if it is asked for."""
+    if options.holdout is None:
+        return None
+    from volatool.dem.holdout import assess
+
+    def again(train: SurfacePoints) -> Dem:
+        return dem_of(train, source, options, dem.scratch, shared, dem.grid)
+
+    return assess(points, dem, options.holdout, again, _known_noise(source, options))
+
+
+def _with_sigma(
+    points: SurfacePoints, dem: Dem, source: Source, options: ConvertOptions
+) -> tuple[Dem, dict[str, Any] | None]:
+    """Return the model with its standard errors and the report's ``dem.sigma``, if asked for."""
+    known = _known_noise(source, options)
+    if known is not None and dem.tuned is not None:
+        dem = replace(dem, noise_sigma=known)
+    if "sigma" not in options.layers or dem.tuned is None or dem.spacing is None:
+        return dem, None
+    from volatool.dem.sigma import fit, sigma_layer
+
+    scratch = dem.scratch
+    model = fit(points, dem.grid, dem.tuned, dem.noise, dem.spacing, dem.crs, scratch, known)
+    if model is None:
+        return dem, None
+    return replace(dem, sigma=sigma_layer(points, dem.grid, dem.flag, model, scratch)), (
+        model.to_dict()
+    )
+
+
+def dem_of(
+    points: SurfacePoints,
+    source: Named,
+    options: ConvertOptions,
+    scratch: Scratch,
+    shared: Parameters | None,
+    grid: Grid | None,
+) -> Dem:
+    """
+    Return the model, lengths converted to the unit of the CRS.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        With an extent.
+    source : Source, or what has its name and CRS
+        Where the points are from.
+    options : ConvertOptions
+        What is asked for.
+    scratch : Scratch
+        Memory budget.
+    shared : Parameters or None
+        What the tiles of a set have in common, if that is given.
+    grid : Grid or None
+        Cells, if they don't follow from the points.
+    """
     from volatool.dem.surfaces import make_dem
 
     unit = source.crs.metres_per_unit_xy
@@ -124,9 +240,11 @@ def _dem(points: SurfacePoints, source: Source, options: ConvertOptions, scratch
         fill=options.fill,
         k_surface=options.k_surface,
         k_point=options.k_point,
+        spacing=None if shared is None else shared.spacing,
         tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
         scratch=scratch,
         preset=options.preset,
+        grid=grid,
     )
     logger.info(
         "%s: %s of %d x %d cells of %g, %s iterations",

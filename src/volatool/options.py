@@ -13,7 +13,10 @@ from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol")
+_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol", "buffer", "sigma")
+
+MAX_HOLDOUT = 50.0
+"""Per cent of the points."""
 
 _TOLERANCE = Length.parse("0.1mm")
 
@@ -95,7 +98,19 @@ class ConvertOptions:
     k_surface, k_point : float, optional
         Spring stiffness.
     layers : tuple of str
-        ``"count"``, ``"flag"``, ``"distance"``.
+        ``"count"``, ``"flag"``, ``"distance"``, ``"sigma"``.
+    sigma : Length, optional
+        Noise of the points' heights, when it is known better than the points tell.
+    holdout : float, optional
+        Per cent of the points to judge the elevation model by, made once more without them.
+    neighbours : tuple of str
+        Files, folders, patterns or ``@list`` of the tiles around, for seams of the elevation model.
+    buffer : Length, optional
+        How far beyond the tile their points are used; follows from the data by default.
+    like : str, optional
+        A GeoTIFF whose cells and extent the elevation model gets.
+    params_from : str, optional
+        A file of reports, for the cell and stiffness of a whole set.
     preview : bool
         Write a picture.
     memory : int
@@ -146,6 +161,12 @@ class ConvertOptions:
     k_point: float | None = None
     tol: Length = _TOLERANCE
     layers: tuple[str, ...] = ()
+    sigma: Length | None = None
+    holdout: float | None = None
+    neighbours: tuple[str, ...] = ()
+    buffer: Length | None = None
+    like: str | None = None
+    params_from: str | None = None
     preview: bool = False
     memory: int = DEFAULT_MEMORY_BYTES
     resources: bool = True
@@ -167,6 +188,13 @@ class ConvertOptions:
             if value is not None and not 0 < value < float("inf"):
                 flag = "--" + name.replace("_", "-")
                 raise OptionError(f"{flag} must be a number greater than 0, got {value}")
+        if self.holdout is not None and not 0 < self.holdout <= MAX_HOLDOUT:
+            raise OptionError(f"--holdout must be above 0 and at most 50, got {self.holdout}")
+        if "sigma" in self.layers and self.surface not in ("auto", "dtm", "dsm"):
+            raise OptionError(
+                "--layers sigma is for surfaces made by springs: leave out "
+                f"--surface {self.surface}"
+            )
         if self.chunk_points < 1:
             raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
         if self.split is not None and (self.cube != "auto" or self.snap):
@@ -175,6 +203,29 @@ class ConvertOptions:
             raise OptionError("--budget is for one volume: leave out --split")
         if self.compat == "toolkit":
             self._check_toolkit()
+        self._check_seams()
+
+    def _check_seams(self) -> None:
+        """Refuse what can't be the same for all tiles of a set."""
+        if isinstance(self.neighbours, str):
+            object.__setattr__(self, "neighbours", (self.neighbours,))
+        if self.like is not None and self.cell != "auto":
+            raise OptionError("--like gives the cells: leave out --cell")
+        if not self.neighbours:
+            if self.buffer is not None:
+                raise OptionError("--buffer is for --neighbours: give both or none")
+            return
+        if self.cell == "auto" and self.like is None and self.params_from is None:
+            raise OptionError(
+                "--neighbours needs --cell, --like or --params-from: tiles that choose their own "
+                "cells don't mesh"
+            )
+        for name in ("bounds", "robust_z"):
+            if getattr(self, name):
+                raise OptionError(
+                    f"--{name.replace('_', '-')} is about one tile's points: it can't go with "
+                    "--neighbours"
+                )
 
     def _check_points(self) -> None:
         """Check what Python callers may get wrong; the command line has parsed it."""
@@ -222,14 +273,14 @@ class ConvertOptions:
         allowed: dict[str, tuple[str | None, ...]] = {
             "returns": ("all", "first", "last"),
             "dense": ("auto", "always", "never"),
-            "surface": ("auto", "dtm", "dsm", "min", "max"),
+            "surface": ("auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin"),
             "preset": ("emap", "paper"),
             "compat": (None, "toolkit"),
         }
         for name, words in allowed.items():
             if getattr(self, name) not in words:
                 raise OptionError(f"{name} must be one of {words}, got {getattr(self, name)!r}")
-        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance"))):
+        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance", "sigma"))):
             unknown = [word for word in getattr(self, name) if word not in known]
             if unknown:
                 raise OptionError(f"{name}: {unknown[0]!r} is not one of {known}")

@@ -151,9 +151,13 @@ class Scratch:
 
 
 def _no_space(directory: Path | None, error: OSError) -> ResourceError:
-    where = directory or tempfile.gettempdir()
+    return no_space(directory or tempfile.gettempdir(), error.strerror or str(error))
+
+
+def no_space(where: Path | str, why: str) -> ResourceError:
+    """Return the error for a temporary folder that takes no more."""
     return ResourceError(
-        f"no room for temporary data in {where} ({error.strerror or error}); "
+        f"no room for temporary data in {where} ({why}); "
         "set TMPDIR to a larger folder or raise --memory"
     )
 

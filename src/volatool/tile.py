@@ -15,7 +15,7 @@ from volatool.census import box_corners
 from volatool.cube import Cube
 from volatool.elevation import make_elevation
 from volatool.encodings import output_stream
-from volatool.errors import CodedWarning, CRSError
+from volatool.errors import CodedWarning, CRSError, FormatError, InputError, ResourceError
 from volatool.model import Bounds, Progress, no_progress
 from volatool.naming import VOLUME_SUFFIXES, stem
 from volatool.options import ConvertOptions
@@ -50,7 +50,7 @@ def convert_tile(
     Parameters
     ----------
     path : pathlib.Path
-        LAS, LAZ or COPC; for ``"stats"`` also a VOLA file.
+        LAS, LAZ or COPC; for ``"stats"`` and ``"dem"`` also a VOLA file.
     options : ConvertOptions
         What is asked for.
     kind : str
@@ -80,19 +80,48 @@ def convert_tile(
     started = time.perf_counter()
     planned = planned_outputs(path, options, kind, outdir)
     refuse_existing(planned, overwrite)
+    if kind == "dem" and _is_volume(path):
+        return _volume_dem(path, options, outdir, overwrite, planned, started)
     with open_source(path, options) as source, OutputSet(overwrite) as outputs:
         with Scratch(resources.working_budget(options.memory)) as scratch:
             tile = _Tile(path, options, kind, outdir, source, scratch, outputs)
             report = tile.run(progress)
-        if options.resources:
-            seconds = time.perf_counter() - started
-            n_read = report.input["points_read"] if report.input else 0
-            usage = resources.Usage(seconds, n_read / seconds, resources.peak_rss_bytes())
-            report = replace(report, resources=usage.to_dict())
+        report = _with_usage(report, options, started)
         if kind == "convert":
             temporary = outputs.add(tile.target(".stats.json"))
             with output_stream(temporary) as stream:
                 stream.write((report.to_json(indent=2) + "\n").encode())
+        return replace(report, paths=outputs.commit(planned))
+
+
+def _with_usage(report: Report, options: ConvertOptions, started: float) -> Report:
+    """Add time and memory to a report, if they are wanted."""
+    if not options.resources:
+        return report
+    seconds = time.perf_counter() - started
+    n_read = (report.input or {}).get("points_read") or 0
+    usage = resources.Usage(seconds, n_read / seconds, resources.peak_rss_bytes())
+    return replace(report, resources=usage.to_dict())
+
+
+def _volume_dem(
+    path: Path,
+    options: ConvertOptions,
+    outdir: Path | None,
+    overwrite: bool,
+    planned: list[Path],
+    started: float,
+) -> Report:
+    """Make the elevation model of a VOLA file."""
+    from volatool.dem.from_volume import volume_dem
+
+    folder = path.parent if outdir is None else outdir
+    with OutputSet(overwrite) as outputs:
+        with Scratch(resources.working_budget(options.memory)) as scratch:
+            report = volume_dem(
+                path, options, outputs, lambda suffix: folder / (stem(path) + suffix), scratch
+            )
+        report = _with_usage(report, options, started)
         return replace(report, paths=outputs.commit(planned))
 
 
@@ -148,6 +177,12 @@ def open_source(
     """
     from volatool.points.reader import open_points
 
+    if _is_volume(path) and path.is_file():
+        raise FormatError(
+            f"{path.name}: is a VOLA volume, not points; `volatool dem` makes an elevation model "
+            "of it, `volatool stats` its tables",
+            "E_NOT_LAS",
+        )
     with open_points(
         path,
         crs=options.crs,
@@ -302,15 +337,20 @@ class _Tile:
         dem = None
         resources.drop_library_code()
         if surface is not None and scan.census.box is not None:
-            made = make_elevation(
-                surface,
-                scan.census.box,
-                self.source,
-                self.options,
-                self.scratch,
-                self.outputs,
-                self.target,
-            )
+            try:
+                made = make_elevation(
+                    surface,
+                    scan.census.box,
+                    self.source,
+                    self.options,
+                    self.scratch,
+                    self.outputs,
+                    self.target,
+                )
+            except (InputError, ResourceError) as error:
+                if self.kind == "convert":  # nothing half-written: the volume goes too
+                    error.args = (f"{error}; --no-dem leaves the elevation model out",)
+                raise
             dem = made.dem
             self.warnings += made.warnings
             report = replace(report, dem=made.document)

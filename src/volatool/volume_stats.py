@@ -8,11 +8,12 @@ from typing import Any
 from volatool.encodings import encoding_row, encodings_of
 from volatool.errors import CodedWarning
 from volatool.formats.registry import open_volume
-from volatool.model import LevelCounts
+from volatool.model import CrsInfo, LevelCounts
 from volatool.occupancy.depth import fixed_depth
 from volatool.occupancy.levels import level_rows
 from volatool.options import ConvertOptions
 from volatool.report import Report
+from volatool.vola.volume import Volume
 
 
 def volume_report(path: Path, options: ConvertOptions) -> Report:
@@ -34,42 +35,10 @@ def volume_report(path: Path, options: ConvertOptions) -> Report:
     info = volume.info
     counts: list[LevelCounts] = volume.counts()
     n_points = info.n_points
-    size = path.stat().st_size
-    crs = volume.crs
-    x, y, z = volume.cube.origin
-    far = [value + volume.cube.side for value in (x, y, z / float(crs.z_ratio))]
-    source: dict[str, Any] = {
-        "name": path.name,
-        "bytes": size,
-        "las_version": None,
-        "point_format": None,
-        "compressed": None,
-        "las_equivalent_bytes": None,
-        "points_header": None,
-        "points_read": None,
-        "points_used": n_points,
-        "dropped": {},
-        "classes": {},
-        "returns": {},
-        "bbox": list(info.box) if info.box is not None else [x, y, z, *far],
-        "density": {
-            "all_per_area_bbox": None,
-            "all_per_area_occupied": None,
-            "first_per_area_occupied": None,
-            "occupied_cell": None,
-        },
-        "crs": crs.to_dict(),
-    }
     return Report(
         status="ok",
-        input=source,
-        cube={
-            "origin": list(volume.cube.origin),
-            "side": volume.cube.side,
-            "unit": crs.unit_xy,
-            "snapped": volume.cube.is_snapped,
-            "z_scale": float(crs.z_ratio),
-        },
+        input=volume_input(path, volume, volume.crs),
+        cube=volume_cube(volume),
         levels=tuple(row.to_dict() for row in level_rows(counts, volume.cube.side, n_points)),
         choice={
             **fixed_depth(volume.depth, volume.cube, counts).to_dict(),
@@ -82,6 +51,46 @@ def volume_report(path: Path, options: ConvertOptions) -> Report:
         options=options.given(),
         warnings=(*info.warnings, *_ignored(options)),
     )
+
+
+def volume_input(path: Path, volume: Volume, crs: CrsInfo) -> dict[str, Any]:
+    """Return the report's ``input`` of a VOLA file; what only points can tell is null."""
+    info = volume.info
+    x, y, z = volume.cube.origin
+    far = [value + volume.cube.side for value in (x, y, z / float(volume.crs.z_ratio))]
+    return {
+        "name": path.name,
+        "bytes": path.stat().st_size,
+        "las_version": None,
+        "point_format": None,
+        "compressed": None,
+        "las_equivalent_bytes": None,
+        "points_header": None,
+        "points_read": None,
+        "points_used": info.n_points,
+        "dropped": {},
+        "classes": {},
+        "returns": {},
+        "bbox": list(info.box) if info.box is not None else [x, y, z, *far],
+        "density": {
+            "all_per_area_bbox": None,
+            "all_per_area_occupied": None,
+            "first_per_area_occupied": None,
+            "occupied_cell": None,
+        },
+        "crs": crs.to_dict(),
+    }
+
+
+def volume_cube(volume: Volume) -> dict[str, Any]:
+    """Return the report's ``cube`` of a VOLA file."""
+    return {
+        "origin": list(volume.cube.origin),
+        "side": volume.cube.side,
+        "unit": volume.crs.unit_xy,
+        "snapped": volume.cube.is_snapped,
+        "z_scale": float(volume.crs.z_ratio),
+    }
 
 
 def _ignored(options: ConvertOptions) -> list[CodedWarning]:

@@ -232,7 +232,7 @@ def test_the_elevation_model_alone_and_its_report(volatool):
     assert dem["cells_measured"] + dem["cells_filled"] + dem["cells_void"] == 120 * 100
 
 
-@pytest.mark.parametrize("surface", ["dtm", "dsm", "min", "max"])
+@pytest.mark.parametrize("surface", ["dtm", "dsm", "min", "max", "mean", "idw", "tin"])
 def test_surfaces_have_honest_names(surface, volatool):
     done = volatool("dem", "town.laz", "-o", "out", "--json", "--surface", surface)
     assert json.loads(done.stdout)["dem"]["surface"] == surface

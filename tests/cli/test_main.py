@@ -14,7 +14,10 @@ import pytest
 
 from volatool_cli.main import cli
 
-COMMANDS = ["convert", "stats", "info", "dem", "classify", "validate", "reproduce", "doctor"]
+COMMANDS = [
+    "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
+    "doctor",
+]  # fmt: skip
 
 
 def help_of(name):
@@ -67,8 +70,10 @@ def test_the_examples_of_the_help_run(name, volatool):
     (folder / "tile.laz").symlink_to(folder / "forest.laz")
     (folder / "tiles").mkdir()
     (folder / "tiles" / "one.laz").symlink_to(folder / "forest.laz")
-    if name in ("info", "validate", "stats"):
+    if name in ("info", "validate", "stats", "dem"):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
+        for made in folder.glob("tile.dem*") if name == "dem" else ():
+            made.unlink()
     block = help_of(name).split("Examples:")[1].split("Options:")[0]
     examples = [line.strip() for line in block.splitlines() if line.strip()]
     assert examples

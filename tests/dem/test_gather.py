@@ -9,7 +9,7 @@ import pytest
 from making_dems import chunk, gather, ground, hills
 
 from volatool.dem.cell import choose_cell, mean_spacing
-from volatool.dem.gather import SurfaceGatherer
+from volatool.dem.gather import SURFACES, SurfaceGatherer
 from volatool.emap.ground import GroundFilter
 from volatool.errors import InputError, OptionError
 from volatool.model import CrsInfo
@@ -84,13 +84,13 @@ def test_dsm_takes_first_returns():
 
 
 def test_attributes_are_only_what_the_surface_needs():
-    """min needs none, dtm the class, dsm the return."""
-    wanted = {"auto": "classification", "dtm": "classification", "dsm": "return_number"}
-    for surface in ("auto", "dtm", "dsm", "min", "max"):
+    """The statistics need none, ground surfaces the class, dsm the return."""
+    classes = {key: {"classification"} for key in ("auto", "dtm", "idw", "tin")}
+    for surface in SURFACES:
         gatherer = SurfaceGatherer(surface, Scratch(), {"classification", "return_number", "red"})
-        assert gatherer.attributes == {wanted[surface]} if surface in wanted else not ()
+        assert gatherer.attributes == {**classes, "dsm": {"return_number"}}.get(surface, set())
     with pytest.raises(OptionError, match="must be one of"):
-        SurfaceGatherer("tin", Scratch(), ())
+        SurfaceGatherer("tni", Scratch(), ())
 
 
 @pytest.mark.parametrize(

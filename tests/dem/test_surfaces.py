@@ -10,8 +10,7 @@ import pytest
 from making_dems import chunk, gather, ground, hills
 
 from volatool.dem.distance import FILLED, MEASURED, VOID, distance_cells, fill_flags, hull_spans
-from volatool.dem.surfaces import degrees_of_freedom, make_dem
-from volatool.emap.system import Springs
+from volatool.dem.surfaces import make_dem
 from volatool.errors import OptionError
 from volatool.model import CrsInfo
 from volatool.scratch import Scratch
@@ -42,9 +41,11 @@ def test_dem_follows_the_terrain():
     assert 0.02 < dem.noise_sigma < 0.04
     report = dem.to_dict()
     assert set(report["solver"]) == {
-        "method", "iterations", "relative_residual", "converged", "k_surface", "k_point"
+        "method", "iterations", "relative_residual", "converged", "k_surface", "k_point",
+        "rule", "nets",
     }  # fmt: skip
-    assert report["solver"]["k_surface"] == pytest.approx(0.02 * dem.spacing**2)
+    assert report["solver"]["rule"] == "spacing"
+    assert report["solver"]["k_surface"] == report["solver"]["nets"][0]["k_surface"]
     assert (report["surface"], report["width"]) == ("dtm", 60)
 
 
@@ -80,33 +81,6 @@ def test_order_of_points_does_not_matter():
             for k in (slice(None), mixed)
         )
         assert a.z.tobytes() == b.z.tobytes()
-
-
-@pytest.mark.parametrize("surface", ["min", "max"])
-def test_extremes_equal_the_naive_ones(surface):
-    """The chosen points are the lowest or highest of each cell, ties by x, then y."""
-    from volatool.dem.grid import grid_for
-    from volatool.dem.surfaces import Dem, _reduced
-
-    rng = np.random.default_rng(0)
-    x, y, z = rng.integers(0, 12, 300), rng.integers(0, 9, 300), rng.integers(0, 3, 300)
-    points = ground(x, y, z, surface=surface)
-    grid = grid_for(points.box, 2.5)
-    scratch, shape = Scratch(), (grid.height, grid.width)
-    dem = Dem(
-        np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.uint32),
-        grid, METRES, surface, "", scratch=scratch,
-    )  # fmt: skip
-
-    def cell_of(px, py):
-        col, row = px // 250, (round(grid.top * 100) - py) // 250
-        return min(row, grid.height - 1), min(col, grid.width - 1)
-
-    rows = np.concatenate(list(points.pieces()))
-    wanted = naive_dem.lowest(rows, cell_of, 1 if surface == "min" else -1)
-    found = np.concatenate(list(_reduced(points, dem).pieces()))
-    assert [tuple(row) for row in found.tolist()] == [wanted[key] for key in sorted(wanted)]
-    assert dem.count.sum() == 300
 
 
 def test_abutting_tiles_mesh():
@@ -244,15 +218,6 @@ def test_hull_equals_scipy():
     found = (col >= spans[:, :1]) & (col <= spans[:, 1:])
     assert (found | ~inside).all()
     assert (found & ~inside).sum() <= 2 * 30  # cells that the hull's edge cuts
-
-
-def test_degrees_of_freedom_follow_the_closed_form():
-    """0.559 at rho = 0.05 s^2 and fine cells, cells per point for coarse ones."""
-    assert degrees_of_freedom(Springs(0.05 / 1e-4, 0.0), 0.01, 1.0) == pytest.approx(
-        0.559, abs=1e-3
-    )
-    assert degrees_of_freedom(Springs(0.05 / 1e4, 0.0), 100.0, 1.0) == pytest.approx(1e-4, rel=0.01)
-    assert degrees_of_freedom(Springs(0.0, 0.1), 100.0, 1.0) == pytest.approx(1e-4, rel=0.01)
 
 
 def test_wrong_options_are_refused():

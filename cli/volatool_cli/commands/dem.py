@@ -26,13 +26,16 @@ def dem(**arguments: Any) -> None:
     """Make the elevation model of tiles and nothing else: NAME.dem.tif.
 
     A float32 Cloud-Optimised GeoTIFF: the EMap surface through the points, filled as far as
-    --max-gap from measured cells, nodata -9999 beyond.
+    --max-gap from measured cells, nodata -9999 beyond. INPUT may also be a VOLA file, named
+    outright: its voxels are the points then.
 
     \b
     Examples:
       volatool dem tile.laz
       volatool dem tile.laz -o out --surface dsm --cell 0.5m
       volatool dem tile.laz -o out --max-gap 10m --layers flag,count,distance
+      volatool dem tiles/ -o out --cell 1m --neighbours tiles/
+      volatool dem tile.vol.gz -o out --surface dsm
     """
     from volatool_cli.run import run_tiles
 

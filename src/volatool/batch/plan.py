@@ -98,7 +98,8 @@ def _some(argument: str, paths: list[Path], otherwise: str) -> list[Path]:
 
 def _listed(path: Path) -> list[Path]:
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        # Windows editors put a byte order mark in front
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputNotFoundError(f"{path}: the list of inputs can't be read ({reason})") from error

@@ -51,7 +51,9 @@ class CellChoice:
     coverage: float
 
 
-def choose_cell(points: SurfacePoints, metres_per_unit: Fraction | None) -> CellChoice:
+def choose_cell(
+    points: SurfacePoints, metres_per_unit: Fraction | None, *, least: Fraction | None = None
+) -> CellChoice:
     """
     Return the smallest candidate at which 60 % of the cells in the data's footprint hold a point.
 
@@ -66,6 +68,8 @@ def choose_cell(points: SurfacePoints, metres_per_unit: Fraction | None) -> Cell
         The surface's points.
     metres_per_unit : Fraction or None
         Of the CRS; None counts as 1.
+    least : Fraction, optional
+        No cell is smaller than this, in units of the CRS (but none is larger than the largest).
 
     Returns
     -------
@@ -82,6 +86,8 @@ def choose_cell(points: SurfacePoints, metres_per_unit: Fraction | None) -> Cell
     is_scan = max(width, height) < SCAN_EXTENT and len(points) > SCAN_DENSITY * width * height
     footprint = SCAN_FOOTPRINT if is_scan else FOOTPRINT
     candidates = [cell for cell in CANDIDATES if footprint % cell == 0]
+    if least is not None:
+        candidates = [cell for cell in candidates if cell >= least * unit] or candidates[-1:]
     large = grid_for(box, footprint / unit, MAX_LARGE)
     cells = occupied(points, large)
     n_large = int(np.count_nonzero(cells))

@@ -105,7 +105,7 @@ def hull_spans(flag: NDArray[np.uint8], margin: int) -> NDArray[np.int64]:
     Parameters
     ----------
     flag : (h, w) array of uint8
-        At least one cell is `MEASURED`.
+        `MEASURED` and others.
     margin : int
         Cells by which the hull is widened (a square's worth).
 
@@ -119,6 +119,8 @@ def hull_spans(flag: NDArray[np.uint8], margin: int) -> NDArray[np.int64]:
     height, width = flag.shape
     spans: NDArray[np.int64] = binning.row_spans(flag, MEASURED)
     rows = np.flatnonzero(spans[:, 1] >= 0)
+    if not len(rows):
+        return np.tile(np.array((width, -1)), (height, 1))
     first, last = int(rows[0]), int(rows[-1])
     every = np.arange(first, last + 1)
     left = np.floor(_envelope(rows, spans[rows, 0], every)).astype(np.int64)

@@ -18,7 +18,10 @@ from volatool.errors import CodedWarning, InputError, OptionError
 from volatool.model import CrsInfo, PointChunk, as_fraction
 from volatool.scratch import Scratch, Spool
 
-SURFACES = ("auto", "dtm", "dsm", "min", "max")
+SURFACES = ("auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin")
+BARE = ("auto", "dtm", "idw", "tin")
+"""Surfaces of the ground."""
+
 GROUND = 2
 ROW = np.dtype((np.int32, (3,)))
 """A point in a spool: stored x, y, z."""
@@ -35,10 +38,10 @@ class SurfacePoints:
     Parameters
     ----------
     name : str
-        ``"dtm"``, ``"dsm"``, ``"min"`` or ``"max"``.
+        One of `SURFACES`, but never ``"auto"``.
     ground_source : str
         ``"class 2"``, ``"ground filter"``, ``"first returns"``, ``"lowest point per cell"``,
-        ``"highest point per cell"``.
+        ``"highest point per cell"``, ``"mean of the points per cell"``.
     spool : Spool
         Rows of int32 x, y, z in file order.
     scale, offset : tuple of 3 float
@@ -50,6 +53,8 @@ class SurfacePoints:
         Smallest and largest stored z of the spool; 0, 0 when it is empty.
     warnings : tuple of CodedWarning
         ``W_NO_GROUND_CLASS``.
+    beyond : Spool or None
+        Points beyond the tile's edge, behind the others.
     """
 
     name: str
@@ -60,14 +65,10 @@ class SurfacePoints:
     extent: tuple[int, int, int, int] | None
     z_range: tuple[int, int] = (0, 0)
     warnings: tuple[CodedWarning, ...] = ()
+    beyond: Spool | None = None
 
     def __len__(self) -> int:
-        return len(self.spool)
-
-    @property
-    def is_extreme(self) -> bool:
-        """Only one point per cell goes into the surface."""
-        return self.name in ("min", "max")
+        return len(self.spool) + (0 if self.beyond is None else len(self.beyond))
 
     @property
     def box(self) -> tuple[Fraction, Fraction, Fraction, Fraction] | None:
@@ -82,13 +83,36 @@ class SurfacePoints:
 
     def pieces(self) -> Iterable[NDArray[np.int32]]:
         """Yield (n, 3) arrays of int32 x, y, z in file order."""
-        for rows in self.spool.pieces():
-            # rows read back from a file are read-only, which would be another kernel signature
-            yield rows if rows.flags.writeable else rows.copy()
+        for spool in (self.spool, self.beyond):
+            for rows in () if spool is None else spool.pieces():
+                # rows read back from a file are read-only, which would be another kernel signature
+                yield rows if rows.flags.writeable else rows.copy()
 
     def close(self) -> None:
         """Drop the points."""
         self.spool.close()
+        if self.beyond is not None:
+            self.beyond.close()
+
+
+@dataclass(slots=True)
+class Beyond:
+    """
+    Points of other files around a tile, as the tile would have stored them.
+
+    Parameters
+    ----------
+    spool : Spool
+        Rows of int32 x, y, z.
+    extent : tuple of 4 int or None
+        Smallest and largest stored x, y of all that were added.
+    z_range : tuple of 2 int or None
+        Smallest and largest stored z of the spool.
+    """
+
+    spool: Spool
+    extent: tuple[int, int, int, int] | None = None
+    z_range: tuple[int, int] | None = None
 
 
 class SurfaceGatherer:
@@ -98,8 +122,8 @@ class SurfaceGatherer:
     Parameters
     ----------
     surface : str
-        ``auto`` and ``dtm`` (ground-class points when there are any, else those that the ground
-        filter keeps), ``dsm`` (first returns), ``min``, ``max`` (lowest, highest point per cell).
+        ``auto``, ``dtm``, ``idw``, ``tin`` (ground-class points when there are any, else those that
+        the ground filter keeps), ``dsm`` (first returns), ``min``, ``max``, ``mean`` (all).
     scratch : Scratch
         Where points wait.
     dimensions : iterable of str
@@ -121,8 +145,23 @@ class SurfaceGatherer:
     @property
     def attributes(self) -> frozenset[str]:
         """Attributes that the chunks must bring, of those the file has."""
-        wanted = {"auto": "classification", "dtm": "classification", "dsm": "return_number"}
-        return self.dimensions & {wanted.get(self.surface, "")}
+        return self.dimensions & self.wanted
+
+    @property
+    def wanted(self) -> frozenset[str]:
+        """Attributes that choose the points, whether the file has them or not."""
+        names = {**dict.fromkeys(BARE, "classification"), "dsm": "return_number"}
+        return frozenset({names[self.surface]} if self.surface in names else ())
+
+    @property
+    def is_bare(self) -> bool:
+        """The surface is the ground."""
+        return self.surface in BARE
+
+    @property
+    def has_ground(self) -> bool:
+        """A point of the ground class has come."""
+        return self._has_ground
 
     def add(self, chunk: PointChunk) -> None:
         """
@@ -136,18 +175,64 @@ class SurfaceGatherer:
         if not len(chunk):
             return
         self._scaling = (chunk.scale, chunk.offset)
-        box = tuple(
-            int(value) for value in (chunk.x.min(), chunk.y.min(), chunk.x.max(), chunk.y.max())
-        )
-        old = self._extent or box
-        self._extent = (
-            min(old[0], box[0]), min(old[1], box[1]), max(old[2], box[2]), max(old[3], box[3])
-        )  # fmt: skip
+        self._extent = _hull(self._extent, _extent(chunk.x, chunk.y))
         self._keep(chunk, self._mask(chunk))
+
+    def add_beyond(self, chunk: PointChunk, beyond: Beyond) -> int:
+        """
+        Take what the surface needs of another file's points, after all of the tile's own.
+
+        Ground is of the kind that the tile's is: class 2, or all points for the filter.
+
+        Parameters
+        ----------
+        chunk : PointChunk
+            Selected points of a neighbour.
+        beyond : Beyond
+            Added to, in the tile's scale and offset: rounded where the neighbour's are finer.
+
+        Returns
+        -------
+        n_ground : int
+            Points of the ground class among them.
+        """
+        if not len(chunk) or self._scaling is None:
+            return 0
+        classes = chunk.attributes.get("classification") if self.is_bare else None
+        ground = None if classes is None else classes == GROUND
+        mask = None
+        if self._has_ground:
+            mask = np.zeros(len(chunk), np.bool_) if ground is None else ground
+        elif self.surface == "dsm":
+            mask = self._mask(chunk)
+        kept = chunk if mask is None else chunk.take(mask)
+        rows = _restored(kept, *self._scaling)
+        if len(rows):
+            beyond.extent = _hull(beyond.extent, _extent(rows[:, 0], rows[:, 1]))
+            low, high = int(rows[:, 2].min()), int(rows[:, 2].max())
+            old = beyond.z_range or (low, high)
+            beyond.z_range = (min(old[0], low), max(old[1], high))
+            beyond.spool.append(rows)
+        return 0 if ground is None else int(np.count_nonzero(ground))
+
+    @property
+    def box(self) -> tuple[Fraction, Fraction, Fraction, Fraction] | None:
+        """Exact left, bottom, right, top of all points that were added."""
+        return self._points(None).box
+
+    def spacing(self, crs: CrsInfo) -> float:
+        """Return the mean spacing of the points kept so far, in the horizontal unit."""
+        from volatool.dem.cell import mean_spacing
+
+        return mean_spacing(self._points(None), crs.metres_per_unit_xy)
+
+    def close(self) -> None:
+        """Drop the points that wait."""
+        self.spool.close()
 
     def _mask(self, chunk: PointChunk) -> NDArray[np.bool_] | None:
         """Points that the surface is made from; None for all of them."""
-        if self.surface in ("auto", "dtm"):
+        if self.surface in BARE:
             classes = chunk.attributes.get("classification")
             ground = None if classes is None else classes == GROUND
             if not self._has_ground and ground is not None and ground.any():
@@ -177,7 +262,7 @@ class SurfaceGatherer:
         self._z_range = (min(old[0], low), max(old[1], high))
         self.spool.append(rows)
 
-    def result(self, crs: CrsInfo | None = None) -> SurfacePoints:
+    def result(self, crs: CrsInfo | None = None, beyond: Beyond | None = None) -> SurfacePoints:
         """
         Return the points, with the honest name of the surface they make.
 
@@ -185,37 +270,93 @@ class SurfaceGatherer:
         ----------
         crs : CrsInfo, optional
             Units, for the ground filter; metres by default.
+        beyond : Beyond, optional
+            Points of neighbours. The tile's own points are kept then, for another try: `close`.
 
         Raises
         ------
         InputError
             ``E_NO_GROUND``: no point has the ground class and the ground filter keeps none.
         """
-        is_bare = self.surface in ("auto", "dtm")
+        points = self._points(beyond)
+        if self.is_bare and not self._has_ground and len(points):
+            try:
+                return _bare_earth(points, crs or CrsInfo(), self.scratch)
+            finally:
+                if beyond is None:
+                    points.close()
+        return points
+
+    def _points(self, beyond: Beyond | None) -> SurfacePoints:
         sources = {
-            "dtm": "class 2",
             "dsm": "first returns",
             "min": "lowest point per cell",
             "max": "highest point per cell",
+            "mean": "mean of the points per cell",
         }
-        name = "dtm" if is_bare else self.surface
+        name = "dtm" if self.surface == "auto" else self.surface
         scale, offset = self._scaling or ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
-        points = SurfacePoints(
+        extent, z_range = self._extent, self._z_range
+        if beyond is not None and beyond.extent is not None and beyond.z_range is not None:
+            extent = _hull(extent, beyond.extent)
+            low, high = z_range or beyond.z_range
+            z_range = (min(low, beyond.z_range[0]), max(high, beyond.z_range[1]))
+        return SurfacePoints(
             name,
-            sources[name],
+            sources.get(name, "class 2"),
             self.spool,
             scale,
             offset,
-            self._extent,
-            self._z_range or (0, 0),
+            extent,
+            z_range or (0, 0),
+            beyond=None if beyond is None else beyond.spool,
         )
-        if is_bare and not self._has_ground and len(points):
-            return _bare_earth(points, crs or CrsInfo(), self.scratch)
-        return points
+
+
+def _extent(x: NDArray[np.int32], y: NDArray[np.int32]) -> tuple[int, int, int, int]:
+    return (int(x.min()), int(y.min()), int(x.max()), int(y.max()))
+
+
+def _hull(
+    one: tuple[int, int, int, int] | None, other: tuple[int, int, int, int]
+) -> tuple[int, int, int, int]:
+    old = one or other
+    return (
+        min(old[0], other[0]),
+        min(old[1], other[1]),
+        max(old[2], other[2]),
+        max(old[3], other[3]),
+    )
+
+
+def _restored(
+    chunk: PointChunk,
+    scale: tuple[float, float, float],
+    offset: tuple[float, float, float],
+) -> NDArray[np.int32]:
+    """Return the rows of a chunk as another scale and offset store them, rounded half up."""
+    rows = np.empty((len(chunk), 3), np.int32)
+    for axis, stored in enumerate((chunk.x, chunk.y, chunk.z)):
+        factor = as_fraction(chunk.scale[axis]) / as_fraction(scale[axis])
+        shift = as_fraction(chunk.offset[axis]) - as_fraction(offset[axis])
+        shift /= as_fraction(scale[axis])
+        if factor == 1 and shift == 0:
+            rows[:, axis] = stored
+            continue
+        if factor == 1 and shift.denominator == 1:
+            moved = stored.astype(np.int64) + int(shift)
+        else:
+            moved = np.floor(stored * float(factor) + float(shift) + 0.5).astype(np.int64)
+        if len(moved) and max(-int(moved.min()), int(moved.max())) >= 2**31:
+            raise InputError(
+                "a neighbour's points are too far off to be stored with the tile's scale and offset"
+            )
+        rows[:, axis] = moved
+    return rows
 
 
 def _bare_earth(points: SurfacePoints, crs: CrsInfo, scratch: Scratch) -> SurfacePoints:
-    """Return the points that the ground filter keeps; the others are dropped."""
+    """Return the points that the ground filter keeps."""
     ground = GroundFilter(points, crs.metres_per_unit_xy, crs.metres_per_unit_z, scratch)
     spool = Spool(scratch, ROW, SHARE)
     z_range: tuple[int, int] | None = None
@@ -228,7 +369,6 @@ def _bare_earth(points: SurfacePoints, crs: CrsInfo, scratch: Scratch) -> Surfac
             spool.append(kept)
     ground.free()
     n_points = len(points)
-    points.close()
     if z_range is None:
         raise InputError(
             "no point has the ground class (2) and the ground filter keeps none; "
@@ -245,6 +385,7 @@ def _bare_earth(points: SurfacePoints, crs: CrsInfo, scratch: Scratch) -> Surfac
         points,
         ground_source="ground filter",
         spool=spool,
+        beyond=None,
         z_range=z_range,
         warnings=(CodedWarning("W_NO_GROUND_CLASS", message),),
     )

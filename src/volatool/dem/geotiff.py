@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -29,7 +30,9 @@ from volatool._version import __version__
 from volatool.dem.grid import MAX_CELLS, Grid
 from volatool.dem.statistics import RasterStatistics
 from volatool.dem.surfaces import NODATA, Dem
-from volatool.errors import FormatError, InputNotFoundError, OutputError
+from volatool.errors import FormatError, InputNotFoundError, OutputError, ResourceError
+from volatool.model import F64
+from volatool.scratch import no_space
 
 BLOCK = 512
 """Edge of a tile of the file."""
@@ -37,7 +40,7 @@ BLOCK = 512
 CACHE_MB = 16
 """GDAL's block cache; its default is 5 % of the machine's memory."""
 
-Layer = Literal["flag", "count", "distance"]
+Layer = Literal["flag", "count", "distance", "sigma"]
 
 Problem = tuple[str, str, int | None]
 """Code, message, and byte offset if known, as in ``volatool validate``."""
@@ -47,10 +50,14 @@ _DESCRIPTIONS = {
     "dsm": "elevation, first returns",
     "min": "elevation, lowest point per cell",
     "max": "elevation, highest point per cell",
+    "mean": "elevation, mean of the points per cell",
+    "idw": "elevation, bare earth, inverse distances",
+    "tin": "elevation, bare earth, linear on triangles",
     "emap": "elevation, EMap of scans",
     "flag": "0 void, 1 measured, 2 filled",
     "count": "points of the surface per cell",
     "distance": "distance to the nearest measured cell",
+    "sigma": "standard error of the elevation at the cell's centre",
 }
 
 
@@ -138,25 +145,29 @@ def write_layer(
     dem : Dem
         The DEM.
     kind : str
-        ``"flag"`` (uint8), ``"count"`` (uint32) or ``"distance"`` (float32, horizontal unit;
-        nodata when nothing is measured).
+        ``"flag"`` (uint8), ``"count"`` (uint32), ``"distance"`` (float32, horizontal unit;
+        nodata when nothing is measured) or ``"sigma"`` (float32, vertical unit; nodata where
+        void, and everywhere when nothing tells the noise).
     tags, directory
         As for `write_dem`.
     """
-    layer: NDArray[Any] = getattr(dem, kind)
-    is_float = kind == "distance"
+    layer: NDArray[Any] | None = getattr(dem, kind)
+    is_float = kind in ("distance", "sigma")
 
     def values(start: int, stop: int) -> NDArray[Any]:
+        if layer is None:  # standard errors that nothing tells
+            return np.full((stop - start, dem.grid.width), NODATA, np.float32)
         rows = layer[start:stop]
         if is_float:
             rows = np.where(np.isfinite(rows), rows, np.float32(NODATA))
         return rows
 
-    unit = dem.crs.unit_xy if is_float else None
+    unit = {"distance": dem.crs.unit_xy, "sigma": dem.crs.unit_z}.get(kind)
     nodata = NODATA if is_float else None
-    profile = _profile(dem, str(layer.dtype), nodata, unit, _DESCRIPTIONS[kind])
+    dtype = "float32" if layer is None else str(layer.dtype)
+    profile = _profile(dem, dtype, nodata, unit, _DESCRIPTIONS[kind])
     _write(path, profile, values, dict(tags or {}), "AVERAGE" if is_float else "MODE", directory)
-    if is_float:
+    if kind == "distance" and layer is not None:
         dem.scratch.free(layer)
 
 
@@ -173,8 +184,26 @@ def _profile(
     }
 
 
+LEAST_FREE_BYTES = 1 << 20
+"""With less room than this in a folder after a failed write, the folder was full."""
+
+
 @contextlib.contextmanager
-def _gdal(path: Path, is_output: bool) -> Iterator[None]:
+def _temporary_folder(directory: Path | None) -> Iterator[Path]:
+    """Make a folder for GDAL's temporary files."""
+    where = directory or Path(tempfile.gettempdir())
+    try:
+        folder = tempfile.TemporaryDirectory(
+            prefix="volatool-", dir=directory, ignore_cleanup_errors=True
+        )
+    except OSError as error:
+        raise no_space(where, error.strerror or str(error)) from error
+    with folder as name:
+        yield Path(name)
+
+
+@contextlib.contextmanager
+def _gdal(path: Path, is_output: bool, temporary: Path | None = None) -> Iterator[None]:
     """Quiet, small and single-threaded GDAL; its errors become ours."""
     import rasterio
     from rasterio._err import CPLE_BaseError
@@ -185,7 +214,7 @@ def _gdal(path: Path, is_output: bool) -> Iterator[None]:
         "GDAL_NUM_THREADS": "1",
         "GDAL_PAM_ENABLED": "NO",
         "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
-        "CPL_TMPDIR": tempfile.gettempdir(),
+        "CPL_TMPDIR": str(temporary or tempfile.gettempdir()),
     }
     try:
         with rasterio.Env(**options):
@@ -198,9 +227,15 @@ def _gdal(path: Path, is_output: bool) -> Iterator[None]:
     except (RasterioError, CRSError, CPLE_BaseError, OSError) as error:
         if isinstance(error, (OutputError, FormatError)):
             raise
+        if temporary is not None and _is_full(temporary) and not _is_full(path.parent):
+            raise no_space(temporary.parent, "it is full") from error
         if is_output:
             raise OutputError(f"{path}: can't be written ({error})") from error
         raise FormatError(f"{path}: not a readable GeoTIFF ({error})") from error
+
+
+def _is_full(folder: Path) -> bool:
+    return shutil.disk_usage(folder).free < LEAST_FREE_BYTES
 
 
 def _write(
@@ -220,12 +255,9 @@ def _write(
     grid: Grid = profile["grid"]
     nodata = profile["nodata"]
     statistics = RasterStatistics()
-    with (
-        _gdal(path, is_output=True),
-        tempfile.TemporaryDirectory(prefix="volatool-", dir=directory) as folder,
-    ):
+    with _temporary_folder(directory) as folder, _gdal(path, is_output=True, temporary=folder):
         # GDAL writes a COG only as a copy of a whole raster
-        plain = Path(folder) / "plain.tif"
+        plain = folder / "plain.tif"
         with rasterio.open(
             plain,
             "w",
@@ -268,7 +300,8 @@ def _write(
             NUM_THREADS="1",
             GEOTIFF_VERSION="1.1",
         )
-    problems = check_dem(path, reread=False)
+    # GDAL takes a full disk at the end of a file for success: read all of it
+    problems = check_dem(path)
     if problems:
         raise OutputError(f"{path}: does not read back ({problems[0][1]})")
 
@@ -307,6 +340,131 @@ def read_dem(path: Path) -> DemFile:
             file.tags(),
             _statistics(file.tags(1)),
         )
+
+
+def read_grid(path: Path) -> tuple[Grid, str | None]:
+    """
+    Return the cells of a raster without reading them, and its CRS.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A GeoTIFF with square cells, north up.
+
+    Returns
+    -------
+    grid, wkt : Grid, str or None
+
+    Raises
+    ------
+    InputNotFoundError, FormatError
+        Not there; not such a file.
+    """
+    import rasterio
+
+    if not path.exists():
+        raise InputNotFoundError(f"{path}: no such file")
+    with _gdal(path, is_output=False), rasterio.open(path) as file:
+        t = file.transform
+        if t.b or t.d or not t.a > 0 or not math.isclose(t.a, -t.e) or t.is_identity:
+            raise FormatError(f"{path}: not a raster with a place, square cells and north up")
+        if file.width * file.height > MAX_CELLS:
+            raise ResourceError(
+                f"{path}: has {file.width} x {file.height} cells, more than any model of volatool "
+                "may have",
+                "E_SIZE",
+            )
+        wkt = file.crs.to_wkt(version="WKT2_2019") if file.crs else None
+        return Grid(t.c, t.f, t.a, file.width, file.height), wkt
+
+
+def read_heights_at(path: Path, x: F64, y: F64) -> tuple[F64, NDArray[np.bool_]]:
+    """
+    Return a raster's values at places, bilinear between the cells' centres.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A GeoTIFF of one band with square cells, north up.
+    x, y : (n,) arrays of float64
+        Places, in the raster's CRS.
+
+    Returns
+    -------
+    values : (n,) array of float64
+        NaN off the raster and where one of the four cells has no value. Within half a cell of
+        the rim the outermost centres' value holds.
+    inside : (n,) array of bool
+        On the raster.
+
+    Raises
+    ------
+    InputNotFoundError, FormatError
+        Not there; not such a file.
+    """
+    values = np.full(len(x), np.nan)
+    with _one_band(path) as (file, read):
+        col, row = _places(file, x, y)
+        inside = (col >= 0) & (col <= file.width) & (row >= 0) & (row <= file.height)
+        for k in np.flatnonzero(inside):
+            u = min(max(col[k] - 0.5, 0.0), file.width - 1.0)
+            v = min(max(row[k] - 0.5, 0.0), file.height - 1.0)
+            q, r = int(u), int(v)
+            part_x, part_y = u - q, v - r
+            # a cell without weight need not have a value, nor be there
+            n, m = 1 + (part_x > 0), 1 + (part_y > 0)
+            cells = read(q, r, n, m)
+            across = np.array([1 - part_x, part_x][:n])
+            down = np.array([1 - part_y, part_y][:m])
+            values[k] = down @ cells @ across
+    return values, inside
+
+
+def read_values_at(path: Path, x: F64, y: F64) -> F64:
+    """
+    Return the values of the cells that hold places; NaN off the raster and for nodata.
+
+    Parameters
+    ----------
+    path, x, y
+        As for `read_heights_at`.
+    """
+    values = np.full(len(x), np.nan)
+    with _one_band(path) as (file, read):
+        col, row = _places(file, x, y)
+        inside = (col >= 0) & (col <= file.width) & (row >= 0) & (row <= file.height)
+        for k in np.flatnonzero(inside):
+            q, r = min(int(col[k]), file.width - 1), min(int(row[k]), file.height - 1)
+            values[k] = read(q, r, 1, 1)[0, 0]
+    return values
+
+
+@contextlib.contextmanager
+def _one_band(path: Path) -> Iterator[tuple[Any, Callable[[int, int, int, int], F64]]]:
+    """Open a raster of one band, north up; gives it and a function that reads a window."""
+    import rasterio
+    from rasterio.windows import Window
+
+    if not path.exists():
+        raise InputNotFoundError(f"{path}: no such file")
+    with _gdal(path, is_output=False), rasterio.open(path) as file:
+        t = file.transform
+        if file.count != 1 or t.b or t.d or not math.isclose(t.a, -t.e):
+            raise FormatError(f"{path}: not a raster of one band with square cells, north up")
+
+        def read(col: int, row: int, width: int, height: int) -> F64:
+            cells = file.read(1, window=Window(col, row, width, height))
+            values = np.asarray(cells, np.float64)
+            if file.nodata is not None:
+                values[cells == cells.dtype.type(file.nodata)] = np.nan
+            return values
+
+        yield file, read
+
+
+def _places(file: Any, x: F64, y: F64) -> tuple[F64, F64]:
+    t = file.transform
+    return (x - t.c) / t.a, (y - t.f) / t.e
 
 
 def read_profile(path: Path) -> dict[str, Any]:
@@ -364,7 +522,7 @@ def _statistics(tags: Mapping[str, str]) -> dict[str, float]:
     return found
 
 
-def check_dem(path: Path, *, reread: bool = True) -> list[Problem]:
+def check_dem(path: Path) -> list[Problem]:
     """
     Return what is wrong with a DEM file; nothing if it is sound.
 
@@ -372,8 +530,6 @@ def check_dem(path: Path, *, reread: bool = True) -> list[Problem]:
     ----------
     path : pathlib.Path
         The file.
-    reread : bool
-        Read and decompress every cell and compare its range with the statistics tags.
 
     Returns
     -------
@@ -401,11 +557,11 @@ def check_dem(path: Path, *, reread: bool = True) -> list[Problem]:
                     "volatool has"
                 )
             rows = max(1, BLOCK * BLOCK // file.width)
-            for start in range(0, file.height, rows) if reread else ():
+            for start in range(0, file.height, rows):
                 window = Window(0, start, file.width, min(rows, file.height - start))
                 statistics.add(file.read(1, window=window), file.nodata)
             found = statistics.tags()
-            for name in ("STATISTICS_MINIMUM", "STATISTICS_MAXIMUM") if reread else ():
+            for name in ("STATISTICS_MINIMUM", "STATISTICS_MAXIMUM"):
                 if name in tags and tags[name] != found.get(name):
                     message = f"{name} is {tags[name]}, the cells say {found.get(name)}"
                     problems.append(("E_STATISTICS", message, None))

@@ -183,3 +183,43 @@ def grid_for(
             "E_SIZE",
         )
     return _exact_grid(first * edge, (low + height) * edge, edge, width, height)
+
+
+def extended(
+    grid: Grid, box: tuple[Fraction, Fraction, Fraction, Fraction], max_cells: int = MAX_CELLS
+) -> Grid:
+    """
+    Return the smallest grid on the same lines that holds a grid and a rectangle.
+
+    Parameters
+    ----------
+    grid : Grid
+        Need not lie on multiples of its cell.
+    box : tuple of 4 Fraction
+        left, bottom, right, top.
+    max_cells : int
+        More are refused.
+
+    Raises
+    ------
+    ResourceError
+        ``E_SIZE``: too many cells.
+
+    Examples
+    --------
+    >>> extended(Grid(0.5, 3.5, 1.0, 2, 3), (Fraction(1), Fraction(-1), Fraction(5), Fraction(2)))
+    Grid(left=0.5, top=3.5, cell=1.0, width=5, height=5)
+    """
+    left, top, cell = grid.exact
+    first = min(0, math.floor((box[0] - left) / cell))
+    last = max(grid.width, math.ceil((box[2] - left) / cell))
+    high = min(0, math.floor((top - box[3]) / cell))
+    low = max(grid.height, math.ceil((top - box[1]) / cell))
+    width, height = last - first, low - high
+    if width * height > max_cells:
+        raise ResourceError(
+            f"{width} x {height} cells of {float(cell):g} are too many; give a larger --cell or a "
+            "shorter --buffer",
+            "E_SIZE",
+        )
+    return _exact_grid(left + first * cell, top - high * cell, cell, width, height)

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.dem.baselines import BASELINES, fill_baseline
 from volatool.dem.cell import CellChoice, choose_cell, mean_spacing
+from volatool.dem.crop import summary
 from volatool.dem.distance import MEASURED, VOID, distance_cells, fill_flags
-from volatool.dem.gather import ROW, SHARE, SurfacePoints
+from volatool.dem.fit import answer, fit, readings, stored_zero
+from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid, grid_for
-from volatool.emap.solve import solve
-from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
+from volatool.emap.noise import Noise, measure
+from volatool.emap.system import strips
+from volatool.emap.tuning import Tuned, choose_springs
 from volatool.errors import OptionError
 from volatool.model import F64, CrsInfo, Progress, as_fraction, no_progress
-from volatool.scratch import Scratch, Spool
+from volatool.scratch import Scratch
 
 NODATA = -9999.0
 """What stands in files for a void cell; in memory it is NaN."""
@@ -27,6 +31,9 @@ MAX_GAP_M = 20.0
 """Default of ``max_gap`` in metres, and at least `MAX_GAP_CELLS` cells."""
 
 MAX_GAP_CELLS = 10
+
+NOISE_BLOCK = 8
+"""Edge of the blocks over which noise is told, in mean spacings: some 64 points each."""
 
 PRESETS = ("emap", "paper")
 
@@ -43,7 +50,7 @@ class Dem:
     flag : (h, w) array of uint8
         0 void, 1 measured (a point of the surface is in the cell), 2 filled.
     count : (h, w) array of uint32
-        Points of the surface in each cell (all of them, also where only one was used).
+        Points of the surface in each cell .
     grid : Grid
         Where the cells are.
     crs : CrsInfo
@@ -56,7 +63,14 @@ class Dem:
         Root mean square of point minus surface over the points used, vertical unit.
     noise_sigma : float or None
         Estimate of the points' own noise: the residuals' scale freed of the part that the
-        surface follows (see `degrees_of_freedom`).
+        surface follows; None when it follows all (see `emap.noise`).
+    noise : Noise or None
+        The same by region.
+    tuned : Tuned or None
+        The nets of the surface.
+    sigma : (h, w) array of float32 or None
+        Standard errors of the heights, vertical unit, NaN where void; when they were worked out
+        (`dem.sigma`).
     solver : dict
         The report's ``dem.solver``.
     z_min, z_max : float or None
@@ -79,6 +93,9 @@ class Dem:
     spacing: float | None = None
     residual_rmse: float | None = None
     noise_sigma: float | None = None
+    noise: Noise | None = field(default=None, repr=False)
+    tuned: Tuned | None = field(default=None, repr=False)
+    sigma: NDArray[np.float32] | None = field(default=None, repr=False)
     solver: dict[str, Any] = field(default_factory=dict)
     z_min: float | None = None
     z_max: float | None = None
@@ -114,12 +131,15 @@ class Dem:
             "z_max": self.z_max,
             "residual_rmse": self.residual_rmse,
             "noise_sigma": self.noise_sigma,
+            "spacing": self.spacing,
             "solver": dict(self.solver),
         }
 
     def free(self) -> None:
         """Give the arrays' memory back; the DEM must not be used any more."""
         self.scratch.free(self.z, self.flag, self.count)
+        if self.sigma is not None:
+            self.scratch.free(self.sigma)
 
 
 def make_dem(
@@ -132,10 +152,12 @@ def make_dem(
     k_surface: float | None = None,
     k_point: float | None = None,
     ell: float | None = None,
+    spacing: float | None = None,
     tol_m: float = 1e-4,
     scratch: Scratch | None = None,
     progress: Progress = no_progress,
     preset: str = "emap",
+    grid: Grid | None = None,
 ) -> Dem:
     """
     Make a DEM.
@@ -154,7 +176,9 @@ def make_dem(
     fill : bool
         False: heights only in measured cells.
     k_surface, k_point, ell : float, optional
-        See `Springs.emap`.
+        See `choose_springs`.
+    spacing : float, optional
+        Mean spacing of the points, which the stiffness follows; found by default.
     tol_m : float
         Stop of the solver, largest estimated error in metres.
     scratch : Scratch, optional
@@ -163,6 +187,8 @@ def make_dem(
         Told the solver's iterations.
     preset : str
         ``"emap"`` or ``"paper"`` (stretching springs only, points pull on the nearest node).
+    grid : Grid, optional
+        Cells to make, whatever `cell` and the points' box say; points outside don't count.
 
     Returns
     -------
@@ -175,9 +201,11 @@ def make_dem(
         if value is not None and not value > 0:
             raise OptionError(f"{name} must be greater than zero, got {value}")
     scratch = Scratch() if scratch is None else scratch
-    choice = choose_cell(points, crs.metres_per_unit_xy) if cell == "auto" else None
-    edge = as_fraction(cell) if choice is None else choice.cell  # type: ignore[arg-type]
-    grid = grid_for(points.box or (Fraction(0),) * 4, edge)
+    choice = None
+    if grid is None:
+        choice = choose_cell(points, crs.metres_per_unit_xy) if cell == "auto" else None
+        edge = as_fraction(cell) if choice is None else choice.cell  # type: ignore[arg-type]
+        grid = grid_for(points.box or (Fraction(0),) * 4, edge)
     shape = (grid.height, grid.width)
     dem = Dem(
         scratch.zeros(shape, np.float32),
@@ -193,135 +221,42 @@ def make_dem(
     if not len(points):
         dem.z[:] = np.nan
         return replace(dem, cells_void=grid.width * grid.height)
-    used = _reduced(points, dem) if points.is_extreme else points
-    s = mean_spacing(used, crs.metres_per_unit_xy)
-    if preset == "paper":
-        springs = Springs.paper(k_surface=k_surface, k_point=k_point)
-    else:
-        springs = Springs.emap(grid.cell, s, k_surface=k_surface, k_point=k_point, ell=ell)
+    gap = gap_cells(crs, grid.cell, max_gap)
+    if points.name in BASELINES:
+        return fill_baseline(dem, points, gap, fill)
+    s = mean_spacing(points, crs.metres_per_unit_xy) if spacing is None else spacing
+    tuned = choose_springs(
+        grid.cell, s, preset=preset, k_surface=k_surface, k_point=k_point, ell=ell
+    )
     # one more cell all round: every point then has four nodes about it
     outer = grid.padded(1)
-    evidence = _evidence(used, outer, springs, dem)
-    tol = tol_m / float(crs.metres_per_unit_z or 1)
-    z, info = solve(evidence, springs, tol=tol, consume=True, progress=progress)
-    rms = math.sqrt(_residuals(used, outer, springs, z, scratch) / len(used))
-    if used is not points:
-        used.close()
-    n_void = _finish(dem, points, z, max_gap, fill, s)
+    z, solver = fit(points, outer, tuned, dem, tol_m / float(crs.metres_per_unit_z or 1), progress)
+    freedom = answer(points, outer, tuned, scratch)
+    block = max(1, round(NOISE_BLOCK * s / grid.cell))
+    noise = measure(tuned.springs, partial(readings, points, outer), z, freedom, block, scratch)
+    scratch.free(freedom)
+    n_void = _finish(dem, points, z, gap, fill, s)
     scratch.free(z)
-    freedom = degrees_of_freedom(springs, grid.cell, s)
-    sigma = rms / math.sqrt(1 - freedom) if freedom < MAX_FREEDOM else None
-    solver = info.to_dict()
-    solver["k_surface"] = springs.kb * grid.cell**2 if springs.kb else springs.km
-    solver["k_point"] = springs.weight
-    return replace(dem, spacing=s, residual_rmse=rms, noise_sigma=sigma, solver=solver, **n_void)
+    return replace(
+        dem,
+        spacing=s,
+        residual_rmse=noise.residual_rms,
+        noise_sigma=noise.sigma,
+        noise=noise,
+        tuned=tuned,
+        solver=solver,
+        **n_void,
+    )
 
 
-MAX_FREEDOM = 0.95
-"""Above this part of the points the surface follows them all, and residuals say nothing."""
-
-
-def degrees_of_freedom(springs: Springs, cell: float, spacing: float) -> float:
-    """
-    Return how many degrees of freedom the surface spends per point.
-
-    The trace of the smoother for evenly spread points: the mean of
-    ``1 / (1 + s^2 (rho k^4 + tau k^2))`` per wave number k up to the grid's own limit,
-    ``k^2 = 4 pi / cell^2``, in closed form for the stiffer of bending and stretching.
-
-    Parameters
-    ----------
-    springs : Springs
-        ``rho = kb cell^2 / w``, ``tau = km / w``.
-    cell, spacing : float
-        Edge of a cell and mean spacing s of the points, same unit.
-    """
-    density = 1 / (spacing * spacing)
-    limit = 4 * math.pi / cell**2
-    rho, tau = springs.kb * cell**2 / springs.weight, springs.km / springs.weight
-    if rho > 0:
-        root = math.sqrt(rho / density)
-        return math.atan(root * limit) / (4 * math.pi * root * density)
-    if tau > 0:
-        return math.log1p(tau / density * limit) / (4 * math.pi * tau)
-    return 1.0
-
-
-def _row_windows(shape: tuple[int, int], is_spilled: bool) -> list[tuple[int, int]]:
-    """Row windows to pass all points for: one, unless the grid is not in RAM."""
-    height, width = shape
-    return list(strips(height, width, 4 * STRIP_CELLS if is_spilled else height * width))
-
-
-def _reduced(points: SurfacePoints, dem: Dem) -> SurfacePoints:
-    """Lowest or highest point of each cell, in cell order; sets the DEM's counts."""
-    from volatool.kernels import binning
-
-    scratch, shape = dem.scratch, dem.count.shape
-    before = scratch.spilled_bytes
-    best = scratch.zeros((*shape, 3), np.int32)
-    windows = _row_windows(dem.count.shape, scratch.spilled_bytes > before)
-    sign = 1 if points.name == "min" else -1
-    spool = Spool(scratch, ROW, SHARE)
-    for first, last in windows:
-        for rows in points.pieces():
-            col, row = dem.grid.places(rows, points.scale, points.offset)
-            binning.extreme(rows, col, row, sign, first, last, best, dem.count)
-        for start, stop in strips(last - first, shape[1]):
-            spool.append(binning.take_extremes(best, dem.count, first + start, first + stop))
-        scratch.relax(best, first, last)
-        scratch.relax(dem.count, first, last)
-    scratch.free(best)
-    return replace(points, spool=spool)
-
-
-def _evidence(points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem) -> Evidence:
-    """Sum the points' springs; set the DEM's counts unless `_reduced` has."""
-    from volatool.kernels import binning
-
-    evidence = Evidence(outer.height, outer.width, dem.scratch)
-    zero = _zero(points)
-    for first, last in evidence.windows():
-        for rows in points.pieces():
-            col, row = outer.places(rows, points.scale, points.offset)
-            heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
-            evidence.add(col, row, heights, springs, (first, last))
-            if not points.is_extreme:
-                # the DEM's rows in this window: its row r is row r + 1 of the outer grid
-                low, high = max(first - 1, 0), last - 1 if last < outer.height else last
-                binning.count(col - 1.0, row - 1.0, low, high, dem.count)
-        evidence.relax(first, last)
-        dem.scratch.relax(dem.count)
-    return evidence
-
-
-def _zero(points: SurfacePoints) -> np.int64:
-    """Return the stored z that heights are counted from: the middle, to keep digits."""
-    return np.int64(sum(points.z_range) // 2)
-
-
-def _residuals(
-    points: SurfacePoints, outer: Grid, springs: Springs, z: F64, scratch: Scratch
-) -> float:
-    """Sum of squares of point minus surface."""
-    from volatool.kernels import spring
-
-    zero = _zero(points)
-    sums: list[float] = []
-    windows = _row_windows((outer.height, outer.width), bool(scratch.spilled_bytes))
-    for rows in points.pieces():
-        col, row = outer.places(rows, points.scale, points.offset)
-        fit = np.empty(len(rows))
-        for first, last in windows:
-            spring.interpolate(z, col, row, springs.is_nearest, first, last, fit)
-            scratch.relax(z, first, last)
-        fit -= (rows[:, 2] - zero) * points.scale[2]
-        sums.append(float(np.sum(np.square(fit))))
-    return math.fsum(sums)
+def gap_cells(crs: CrsInfo, cell: float, max_gap: float | None) -> float:
+    """Return ``max_gap``, given in the horizontal unit or its default, in cells."""
+    default = max(MAX_GAP_M / float(crs.metres_per_unit_xy or 1), MAX_GAP_CELLS * cell)
+    return (default if max_gap is None else max_gap) / cell
 
 
 def _finish(
-    dem: Dem, points: SurfacePoints, z: F64, max_gap: float | None, fill: bool, spacing: float
+    dem: Dem, points: SurfacePoints, z: F64, gap: float, fill: bool, spacing: float
 ) -> dict[str, Any]:
     """Set flags and heights; return the counts and the range."""
     scratch, grid = dem.scratch, dem.grid
@@ -330,29 +265,12 @@ def _finish(
         scratch.relax(dem.count, start, stop)
         scratch.relax(dem.flag, start, stop)
     if fill:
-        gap = max(MAX_GAP_M / float(dem.crs.metres_per_unit_xy or 1), MAX_GAP_CELLS * grid.cell)
-        gap = gap if max_gap is None else max_gap
-        margin = 2 * max(1.0, spacing / grid.cell)
-        fill_flags(dem.flag, gap / grid.cell, margin, scratch)
-    base = float(_zero(points)) * points.scale[2] + points.offset[2]
-    low, high = math.inf, -math.inf
-    counts = np.zeros(3, np.int64)
+        fill_flags(dem.flag, gap, 2 * max(1.0, spacing / grid.cell), scratch)
+    base = float(stored_zero(points)) * points.scale[2] + points.offset[2]
     for start, stop in strips(grid.height, grid.width):
         rows = z[start + 1 : stop + 1, 1:-1] + base
-        flag = dem.flag[start:stop]
-        rows[flag == VOID] = np.nan
+        rows[dem.flag[start:stop] == VOID] = np.nan
         dem.z[start:stop] = rows
-        counts += np.bincount(flag.ravel(), minlength=3)
-        known = dem.z[start:stop][flag != VOID]
-        if len(known):
-            low, high = min(low, float(known.min())), max(high, float(known.max()))
         for array in (dem.z, dem.flag, z):
             scratch.relax(array, start, stop)
-    void, measured, filled = counts.tolist()
-    return {
-        "z_min": low if measured else None,
-        "z_max": high if measured else None,
-        "cells_measured": measured,
-        "cells_filled": filled,
-        "cells_void": void,
-    }
+    return summary(dem.z, dem.flag, scratch)

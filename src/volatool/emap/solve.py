@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.emap.cuts import Cuts
 from volatool.emap.multigrid import Hierarchy
 from volatool.emap.system import Evidence, Springs, strips
 from volatool.model import F64, Progress, no_progress
@@ -61,7 +62,9 @@ def solve(
     start: F64 | None = None,
     max_iterations: int = 100,
     consume: bool = False,
+    hierarchy: Hierarchy | None = None,
     progress: Progress = no_progress,
+    cuts: Cuts | None = None,
 ) -> tuple[F64, SolveInfo]:
     """
     Return the heights at which all springs are in balance.
@@ -81,8 +84,14 @@ def solve(
         Give up after so many; `SolveInfo.converged` tells.
     consume : bool
         Free the evidence on the way, to save memory.
+    hierarchy : Hierarchy, optional
+        Of the same data springs and the same surface springs, to be used again; made and given
+        back by default.
     progress : callable, optional
         Told (iterations done, a guess of how many there will be).
+    cuts : Cuts, optional
+        Springs that are missing or weaker. Parts of the grid that hang on no point keep the heights
+        they start with, zero by default; `Cuts.islands` finds them.
 
     Returns
     -------
@@ -98,7 +107,11 @@ def solve(
     The last preconditioned residual, an estimate of the error, is added in the end.
     """
     scratch = evidence.scratch
-    hierarchy = Hierarchy(evidence, springs, scratch)
+    is_lent = hierarchy is not None
+    if hierarchy is None:
+        hierarchy = Hierarchy(evidence, springs, scratch, cuts)
+    else:
+        hierarchy.load(evidence)
     work = _Work(evidence, hierarchy, scratch)
     norm = work.begin(springs, start, consume)
     iterations = 0
@@ -117,7 +130,8 @@ def solve(
         iterations += 1
     work.finish()
     levels = len(hierarchy.levels)
-    hierarchy.free()
+    if not is_lent:
+        hierarchy.free()
     info = SolveInfo(
         iterations,
         largest,
@@ -143,9 +157,10 @@ class _Work:
         array: F64 = self.scratch.zeros(self.shape, np.float64)
         return array
 
-    def _relax(self, start: int, stop: int, *arrays: NDArray[Any]) -> None:
+    def _relax(self, start: int, stop: int, *arrays: NDArray[Any] | None) -> None:
         for array in arrays:
-            self.scratch.relax(array, start, stop)
+            if array is not None:
+                self.scratch.relax(array, start, stop)
 
     def begin(self, springs: Springs, start: F64 | None, consume: bool) -> float:
         """Set z and the residual from the evidence; return the norm of the right side."""
@@ -163,7 +178,15 @@ class _Work:
         data = evidence.data
         for first, last in strips(*self.shape):
             spring.apply_rows(
-                data, self.z, springs.kb, springs.km, first, last, self.product_array, self.rows[0]
+                data,
+                self.z,
+                springs.kb,
+                springs.km,
+                first,
+                last,
+                self.product_array,
+                self.rows[0],
+                finest.edges,
             )
             right = evidence.right[first:last]
             multigrid.measure(
@@ -203,10 +226,11 @@ class _Work:
         """Set H p; return p . H p."""
         from volatool.kernels import spring
 
-        data, kb, km = self.finest.data, springs.kb, springs.km
+        data, edges, kb, km = self.finest.data, self.finest.edges, springs.kb, springs.km
+        out, dots = self.product_array, self.rows[0]
         for start, stop in strips(*self.shape):
-            spring.apply_rows(data, self.p, kb, km, start, stop, self.product_array, self.rows[0])
-            self._relax(start, stop, data, self.p, self.product_array)
+            spring.apply_rows(data, self.p, kb, km, start, stop, out, dots, edges)
+            self._relax(start, stop, data, self.p, out, edges)
         return math.fsum(self.rows[0])
 
     def descend(self, step: float) -> None:

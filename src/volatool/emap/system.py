@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 from volatool.errors import OptionError
 from volatool.model import F64
 from volatool.scratch import Scratch
+
+if TYPE_CHECKING:
+    from volatool.emap.cuts import Cuts
+    from volatool.emap.lines import Lines
 
 STRIP_CELLS = 1 << 17
 """Nodes that a loop handles between two chances for file-backed rows to leave RAM."""
@@ -171,6 +175,7 @@ class Evidence:
         springs: Springs,
         window: tuple[int, int] | None = None,
         weights: F64 | None = None,
+        lines: Lines | None = None,
     ) -> None:
         """
         Add points, in order.
@@ -187,23 +192,26 @@ class Evidence:
             Only rows in it are touched.
         weights : (n,) array of float64, optional
             Factor of each point's own on the springs' weight.
+        lines : Lines, optional
+            Break lines (`Cuts.lines`): a point pulls only on nodes of its own side.
         """
         from volatool.kernels import spring
+        from volatool.kernels.lines import cut_accumulate
 
         first, last = window or (0, self.shape[0])
         # one entry stands for all points
         stiffness = np.full(1, springs.weight) if weights is None else weights * springs.weight
-        spring.accumulate(
-            self.data,
-            self.right,
-            col,
-            row,
-            heights,
-            stiffness,
-            springs.is_nearest,
-            first,
-            last,
-        )
+        arrays = (self.data, self.right, col, row, heights, stiffness)
+        if lines is None:
+            spring.accumulate(*arrays, springs.is_nearest, first, last)
+        else:
+            cut_accumulate(*arrays, springs.is_nearest, first, last, *lines.tables)
+
+    def tether(self, stiffness: float) -> None:
+        """Add a spring at each node that pulls it to height 0."""
+        for start, stop in strips(*self.shape):
+            self.data[start:stop, 0] += stiffness
+            self.scratch.relax(self.data, start, stop)
 
     def __iadd__(self, other: Evidence) -> Evidence:
         self.data += other.data
@@ -221,7 +229,7 @@ class Evidence:
         del self.data, self.right
 
 
-def apply(data: NDArray[Any], z: F64, springs: Springs) -> F64:
+def apply(data: NDArray[Any], z: F64, springs: Springs, cuts: Cuts | None = None) -> F64:
     """
     Return ``H z``: the force of all springs at each node.
 
@@ -233,6 +241,8 @@ def apply(data: NDArray[Any], z: F64, springs: Springs) -> F64:
         Heights.
     springs : Springs
         Stiffness of the surface.
+    cuts : Cuts, optional
+        Springs that are missing or weaker.
 
     Returns
     -------
@@ -243,5 +253,6 @@ def apply(data: NDArray[Any], z: F64, springs: Springs) -> F64:
 
     out = np.empty(z.shape)
     dots = np.empty(len(z))
-    spring.apply_rows(data, z, springs.kb, springs.km, 0, len(z), out, dots)
+    edges = None if cuts is None else cuts.edges
+    spring.apply_rows(data, z, springs.kb, springs.km, 0, len(z), out, dots, edges)
     return out

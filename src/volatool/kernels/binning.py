@@ -154,6 +154,35 @@ def extreme(rows, col, row, sign, first, last, best, counts):
 
 
 @kernel
+def add_heights(rows, col, row, first, last, sums, counts):
+    """
+    Sum the heights of the points of each cell, exactly.
+
+    Parameters
+    ----------
+    rows : (n, 3) array of int32
+        Stored x, y, z.
+    col, row : (n,) arrays of float64
+        Places in cells; on the right and bottom edge a point counts to the last cell.
+    first, last : int
+        Only rows ``first <= r < last`` are looked at.
+    sums : (h, w) array of int64
+        Stored z are added to it.
+    counts : (h, w) array of uint32
+        Points per cell so far, added to.
+    """
+    h, w = counts.shape
+    for i in range(col.size):
+        if not (col[i] >= 0.0 and col[i] <= w and row[i] >= 0.0 and row[i] <= h):
+            continue
+        r = min(np.int64(row[i]), h - 1)
+        if first <= r < last:
+            q = min(np.int64(col[i]), w - 1)
+            sums[r, q] += np.int64(rows[i, 2])
+            counts[r, q] += np.uint32(1)
+
+
+@kernel
 def take_extremes(best, counts, start, stop):
     """
     Chosen points of rows of cells, in cell order.

@@ -9,11 +9,12 @@ the same bytes.
 import numpy as np
 
 from volatool.kernels._jit import kernel
+from volatool.kernels.cut_multigrid import cut_restrict_row
 from volatool.kernels.spring import diagonal_row, dot_row, next_row, start_rows
 
 
 @kernel
-def smooth_first(data, right, x, d, kb, km, beta, start, stop):
+def smooth_first(data, right, x, d, kb, km, beta, start, stop, edges=None):
     """
     First step of a Chebyshev-Jacobi sweep from zero heights: ``x = d = beta right / diagonal``.
 
@@ -31,11 +32,13 @@ def smooth_first(data, right, x, d, kb, km, beta, start, stop):
         Step length.
     start, stop : int
         Rows.
+    edges : (h, 3, w) array of float32, optional
+        Factors of cut springs and their diagonal.
     """
     h, w = x.shape
     diagonal = np.empty(w, x.dtype)
     for r in range(start, stop):
-        diagonal_row(data, r, h, kb, km, diagonal)
+        diagonal_row(data, r, h, kb, km, diagonal, edges)
         force, heights, steps = right[r], x[r], d[r]
         for q in range(w):
             steps[q] = beta * force[q] / diagonal[q]
@@ -43,7 +46,7 @@ def smooth_first(data, right, x, d, kb, km, beta, start, stop):
 
 
 @kernel
-def smooth(data, right, x, d, kb, km, alpha, beta, start, stop):
+def smooth(data, right, x, d, kb, km, alpha, beta, start, stop, edges=None):
     """
     One Chebyshev-Jacobi step: ``d = alpha d + beta (right - H x) / diagonal; x += d``.
 
@@ -62,6 +65,8 @@ def smooth(data, right, x, d, kb, km, alpha, beta, start, stop):
     start, stop : int
         Rows of this strip. Heights lag two rows behind, since H reads two rows ahead and
         behind: strips must be done in order, down to the last row.
+    edges : (h, 3, w) array of float32, optional
+        Factors of cut springs and their diagonal.
     """
     h, w = x.shape
     steps = np.empty((3, w + 2), x.dtype)
@@ -71,10 +76,10 @@ def smooth(data, right, x, d, kb, km, alpha, beta, start, stop):
     nothing = np.zeros(w, x.dtype)
     acc = np.empty(w, x.dtype)
     diagonal = np.empty(w, x.dtype)
-    start_rows(x, start, kb, km, steps, bends, fluxes)
+    start_rows(x, start, kb, km, steps, bends, fluxes, edges)
     for r in range(start, stop):
-        next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc)
-        diagonal_row(data, r, h, kb, km, diagonal)
+        next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc, edges)
+        diagonal_row(data, r, h, kb, km, diagonal, edges)
         force, step = right[r], d[r]
         for q in range(w):
             step[q] = alpha * step[q] + beta * (force[q] - acc[q]) / diagonal[q]
@@ -90,7 +95,7 @@ def smooth(data, right, x, d, kb, km, alpha, beta, start, stop):
 
 
 @kernel
-def restrict_residual(data, right, x, kb, km, coarse, start, stop):
+def restrict_residual(data, right, x, kb, km, coarse, start, stop, edges=None):
     """
     Right side of the next coarser grid: the transposed interpolation of ``right - H x``.
 
@@ -106,6 +111,8 @@ def restrict_residual(data, right, x, kb, km, coarse, start, stop):
         Set. Strips must be done in order.
     start, stop : int
         Rows of the fine grid.
+    edges : (h, k, w) array of float32, optional
+        Factors of cut springs.
     """
     w = x.shape[1]
     steps = np.empty((3, w + 2), x.dtype)
@@ -115,14 +122,17 @@ def restrict_residual(data, right, x, kb, km, coarse, start, stop):
     nothing = np.zeros(w, x.dtype)
     acc = np.empty(w, x.dtype)
     force = np.zeros(2 * coarse.shape[1] + 1, x.dtype)
-    start_rows(x, start, kb, km, steps, bends, fluxes)
+    start_rows(x, start, kb, km, steps, bends, fluxes, edges)
     for r in range(start, stop):
-        next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc)
+        next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc, edges)
         own = right[r]
         inner = force[1:]
         for q in range(w):
             inner[q] = own[q] - acc[q]
-        restrict_row(force, r, coarse)
+        if edges is None:
+            restrict_row(force, r, coarse)
+        else:
+            cut_restrict_row(force, r, edges, coarse)
 
 
 @kernel
@@ -158,7 +168,7 @@ def restrict_row(force, r, coarse):
 
 
 @kernel
-def restrict_rows(right, coarse, start, stop):
+def restrict_rows(right, coarse, start, stop, edges=None):
     """
     Transposed bilinear interpolation of a right side to the next coarser grid.
 
@@ -170,12 +180,17 @@ def restrict_rows(right, coarse, start, stop):
         Set. Strips must be done in order.
     start, stop : int
         Rows of the fine grid.
+    edges : (h, k, w) array of float32, optional
+        Factors of cut springs.
     """
     w = right.shape[1]
     force = np.zeros(2 * coarse.shape[1] + 1, right.dtype)
     for r in range(start, stop):
         force[1 : w + 1] = right[r]
-        restrict_row(force, r, coarse)
+        if edges is None:
+            restrict_row(force, r, coarse)
+        else:
+            cut_restrict_row(force, r, edges, coarse)
 
 
 @kernel

@@ -16,6 +16,7 @@ caller may walk a grid in strips of any height and get the same bytes.
 import numpy as np
 
 from volatool.kernels._jit import kernel
+from volatool.kernels.cut_spring import cut_across, cut_diagonal_row, cut_row_bend, cut_row_flux
 
 
 @kernel
@@ -209,7 +210,7 @@ def row_flux(step, bend_above, bend_below, kb, km, out):
 
 
 @kernel
-def start_rows(x, r, kb, km, steps, bends, fluxes):
+def start_rows(x, r, kb, km, steps, bends, fluxes, edges=None):
     """
     Fill the rolling rows before row r: as `next_row` would have left them.
 
@@ -225,18 +226,27 @@ def start_rows(x, r, kb, km, steps, bends, fluxes):
         Set: ``steps[k]`` and ``bends[k]`` by row modulo 3 and 2.
     fluxes : (2, w) array of float
         Set: by row modulo 2.
+    edges : (h, k, w) array of float32, optional
+        Factors of cut springs, see `cut_spring`.
     """
     h = x.shape[0]
     row_step(x, r - 2, steps[(r + 1) % 3])
     row_step(x, r - 1, steps[(r + 2) % 3])
     row_step(x, r, steps[r % 3])
-    row_bend(steps[(r + 1) % 3], steps[(r + 2) % 3], r - 1, h, bends[(r + 1) % 2])
-    row_bend(steps[(r + 2) % 3], steps[r % 3], r, h, bends[r % 2])
-    row_flux(steps[(r + 2) % 3], bends[(r + 1) % 2], bends[r % 2], kb, km, fluxes[(r + 1) % 2])
+    before, above, here = steps[(r + 1) % 3], steps[(r + 2) % 3], steps[r % 3]
+    bend_above, bend, flux = bends[(r + 1) % 2], bends[r % 2], fluxes[(r + 1) % 2]
+    if edges is None:
+        row_bend(before, above, r - 1, h, bend_above)
+        row_bend(above, here, r, h, bend)
+        row_flux(above, bend_above, bend, kb, km, flux)
+    else:
+        cut_row_bend(before, above, edges, r - 1, bend_above)
+        cut_row_bend(above, here, edges, r, bend)
+        cut_row_flux(above, bend_above, bend, edges, r - 1, kb, km, flux)
 
 
 @kernel
-def next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc):
+def next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc, edges=None):
     """
     One row of ``H x``, advancing the rolling rows.
 
@@ -258,27 +268,37 @@ def next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc):
         Zeros.
     acc : (w,) array of float
         Set to the row of the product.
+    edges : (h, k, w) array of float32, optional
+        Factors of cut springs.
     """
     h, w = x.shape
     row_step(x, r + 1, steps[(r + 1) % 3])
-    row_bend(steps[r % 3], steps[(r + 1) % 3], r + 1, h, bends[(r + 1) % 2])
-    row_flux(steps[r % 3], bends[r % 2], bends[(r + 1) % 2], kb, km, fluxes[r % 2])
+    bend_below, bend_here, flux = bends[(r + 1) % 2], bends[r % 2], fluxes[r % 2]
     middle = x[r]
     west = acc[1:]
-    inner = across[2:]
     x1 = middle[1:]
-    x2 = middle[2:]
-    for q in range(w - 2):
-        inner[q] = (x2[q] - x1[q]) - (x1[q] - middle[q])
-    c1 = across[1:]
     below = fluxes[r % 2]
     above = fluxes[(r + 1) % 2]
-    for q in range(w):
-        bend = (inner[q] - c1[q]) - (c1[q] - across[q])
-        acc[q] = (below[q] - above[q]) + kb * bend - km * c1[q]
-    if w > 1:
-        acc[0] -= km * (middle[1] - middle[0])
-        acc[w - 1] -= km * (middle[w - 2] - middle[w - 1])
+    if edges is None:
+        row_bend(steps[r % 3], steps[(r + 1) % 3], r + 1, h, bend_below)
+        row_flux(steps[r % 3], bend_here, bend_below, kb, km, flux)
+        inner = across[2:]
+        x2 = middle[2:]
+        for q in range(w - 2):
+            inner[q] = (x2[q] - x1[q]) - (x1[q] - middle[q])
+        c1 = across[1:]
+        for q in range(w):
+            bend = (inner[q] - c1[q]) - (c1[q] - across[q])
+            acc[q] = (below[q] - above[q]) + kb * bend - km * c1[q]
+        if w > 1:
+            acc[0] -= km * (middle[1] - middle[0])
+            acc[w - 1] -= km * (middle[w - 2] - middle[w - 1])
+    else:
+        cut_row_bend(steps[r % 3], steps[(r + 1) % 3], edges, r + 1, bend_below)
+        cut_row_flux(steps[r % 3], bend_here, bend_below, edges, r, kb, km, flux)
+        for q in range(w):
+            acc[q] = below[q] - above[q]
+        cut_across(x, edges, r, kb, km, across, acc)
     # data springs: three shifts, few arrays a loop, so that the compiler vectorizes
     here = data[r]
     up = data[max(r - 1, 0)]
@@ -297,7 +317,7 @@ def next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc):
 
 
 @kernel
-def apply_rows(data, x, kb, km, start, stop, out, dots):
+def apply_rows(data, x, kb, km, start, stop, out, dots, edges=None):
     """
     Rows of the product ``H x``, and their dot products with x.
 
@@ -315,6 +335,8 @@ def apply_rows(data, x, kb, km, start, stop, out, dots):
         Rows `start` to `stop` are set.
     dots : (h,) array of float64
         ``x[r] . out[r]`` of these rows is set.
+    edges : (h, k, w) array of float32, optional
+        Factors of cut springs.
     """
     w = x.shape[1]
     steps = np.empty((3, w + 2), x.dtype)
@@ -322,10 +344,10 @@ def apply_rows(data, x, kb, km, start, stop, out, dots):
     fluxes = np.empty((2, w), x.dtype)
     across = np.zeros(w + 2, x.dtype)
     nothing = np.zeros(w, x.dtype)
-    start_rows(x, start, kb, km, steps, bends, fluxes)
+    start_rows(x, start, kb, km, steps, bends, fluxes, edges)
     for r in range(start, stop):
         acc = out[r]
-        next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc)
+        next_row(data, x, r, kb, km, steps, bends, fluxes, across, nothing, acc, edges)
         dots[r] = dot_row(x[r], acc)
 
 
@@ -358,7 +380,7 @@ def dot_row(a, b):
 
 
 @kernel
-def diagonal_row(data, r, h, kb, km, out):
+def diagonal_row(data, r, h, kb, km, out, edges=None):
     """
     One row of the diagonal of H.
 
@@ -372,6 +394,24 @@ def diagonal_row(data, r, h, kb, km, out):
         Stiffness, of the array's type.
     out : (w,) array of float
         Set; 1 where nothing holds a node (a grid of a single node without data).
+    edges : (h, 3, w) array of float32, optional
+        Factors of cut springs and their diagonal.
+    """
+    if edges is None:
+        whole_diagonal_row(data, r, h, kb, km, out)
+    else:
+        cut_diagonal_row(data, edges, r, out)
+
+
+@kernel
+def whole_diagonal_row(data, r, h, kb, km, out):
+    """
+    One row of the diagonal of H without cuts.
+
+    Parameters
+    ----------
+    data, r, h, kb, km, out
+        As in `diagonal_row`.
     """
     w = out.size
     own = data[r, 0]

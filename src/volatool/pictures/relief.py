@@ -32,6 +32,9 @@ _NAMES = {
     "dsm": "Surface (DSM)",
     "min": "Lowest points",
     "max": "Highest points",
+    "mean": "Mean of the points",
+    "idw": "Ground (inverse distances)",
+    "tin": "Ground (triangles)",
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from itertools import groupby
 from typing import BinaryIO
 
 import numpy as np
@@ -63,7 +64,11 @@ class LazPoints:
             self.n_points = sum(chunk.n_points for chunk in self.chunks)
 
     def batches(
-        self, selection: int, batch_points: int, losses: list[tuple[int, int]] | None = None
+        self,
+        selection: int,
+        batch_points: int,
+        losses: list[tuple[int, int]] | None = None,
+        skipped: frozenset[int] = frozenset(),
     ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """
         Decode the points in file order.
@@ -76,6 +81,8 @@ class LazPoints:
             About as many points at a time.
         losses : list, optional
             Given: skip what can't be decoded and append (first point, points) of each loss here.
+        skipped : frozenset of int
+            Offsets of chunks that are not wanted.
 
         Yields
         ------
@@ -94,7 +101,7 @@ class LazPoints:
             yield from self._pieces(whole, size, selection, batch_points, losses)
             return
         buffer = np.empty((0, self._header.record_bytes), np.uint8)
-        for group in self._groups(batch_points):
+        for group in self._groups(batch_points, skipped):
             if len(group) == 1 and self._is_huge(group[0], batch_points):
                 yield from self._pieces(group[0], ONE_CHUNK, selection, batch_points, losses)
                 continue
@@ -120,22 +127,28 @@ class LazPoints:
         unpacked = chunk.n_points * self._header.record_bytes
         return unpacked > MAX_CHUNK_BYTES and chunk.n_points > batch_points
 
-    def _groups(self, batch_points: int) -> Iterator[list[Chunk]]:
+    def _groups(self, batch_points: int, skipped: frozenset[int]) -> Iterator[list[Chunk]]:
         """Yield runs of chunks to decode at once: full batches, all cores busy."""
         assert self.chunks is not None
+        # points of a batch are numbered in a row, so that no run goes over a gap
+        for is_wanted, run in groupby(self.chunks, lambda chunk: chunk.at not in skipped):
+            if is_wanted:
+                yield from self._parts(list(run), batch_points)
+
+    def _parts(self, chunks: list[Chunk], batch_points: int) -> Iterator[list[Chunk]]:
         record, cores = self._header.record_bytes, n_cores()
         at = 0
-        while at < len(self.chunks):
+        while at < len(chunks):
             end, points = at, 0
-            while end < len(self.chunks):
-                points += self.chunks[end].n_points
+            while end < len(chunks):
+                points += chunks[end].n_points
                 is_wide = end - at >= cores or points * record > MAX_GROUP_BYTES
                 if end > at and points > batch_points and is_wide:
                     break
                 end += 1
-            if end < len(self.chunks) and end - at > cores:
+            if end < len(chunks) and end - at > cores:
                 end -= (end - at) % cores
-            yield self.chunks[at:end]
+            yield chunks[at:end]
             at = end
 
     def _decode(self, group: list[Chunk], selection: int, records: NDArray[np.uint8]) -> None:

@@ -20,6 +20,7 @@ from volatool.errors import (
     VolatoolError,
 )
 from volatool.model import Bounds, CrsInfo, PointChunk
+from volatool.points.copc import chunks_outside
 from volatool.points.crs import CrsLike
 from volatool.points.crs_file import crs_of
 from volatool.points.header import LasHeader, read_header
@@ -126,7 +127,10 @@ class PointSource:
         self._stream.close()
 
     def chunks(
-        self, attributes: Iterable[str] = (), chunk_points: int = CHUNK_POINTS
+        self,
+        attributes: Iterable[str] = (),
+        chunk_points: int = CHUNK_POINTS,
+        near: tuple[float, float, float, float] | None = None,
     ) -> Iterator[PointChunk]:
         """
         Stream the points in file order.
@@ -137,6 +141,8 @@ class PointSource:
             Names of `PointChunk.attributes` to decode; those that the format lacks are left out.
         chunk_points : int
             At most as many points a chunk (and never more than `MAX_CHUNK_POINTS`).
+        near : tuple of 4 float, optional
+            left, bottom, right, top: points outside may be left out, and of a COPC file most are.
 
         Yields
         ------
@@ -153,7 +159,8 @@ class PointSource:
         chunk_points = min(chunk_points, MAX_CHUNK_POINTS)
         names = frozenset(attributes) & self.header.dimensions
         dtype = record_dtype(self.header.point_format, self.header.record_bytes)
-        for start, raw in self._told(selection_of(names), chunk_points):
+        skipped = frozenset() if near is None else chunks_outside(self.header, self.raw, near)
+        for start, raw in self._told(selection_of(names), chunk_points, skipped):
             yield from self._cut(start, raw.reshape(-1).view(dtype), names, chunk_points)
 
     def records(self, chunk_points: int = CHUNK_POINTS) -> Iterator[tuple[int, NDArray[np.uint8]]]:
@@ -180,11 +187,13 @@ class PointSource:
             records = raw if raw.flags.writeable else raw.copy()
             yield start, records.reshape(-1, self.header.record_bytes)
 
-    def _told(self, selection: int, chunk_points: int) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    def _told(
+        self, selection: int, chunk_points: int, skipped: frozenset[int] = frozenset()
+    ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """Yield batches of records; errors get the file's name, losses a warning."""
         losses: list[tuple[int, int]] = []
         try:
-            yield from self._batches(selection, chunk_points, losses)
+            yield from self._batches(selection, chunk_points, losses, skipped)
         except VolatoolError as error:
             _retell(error, self.name)
             raise
@@ -194,11 +203,15 @@ class PointSource:
             self._note_loss(sum(n for _, n in losses), f"from point {losses[0][0]} on")
 
     def _batches(
-        self, selection: int, chunk_points: int, losses: list[tuple[int, int]]
+        self,
+        selection: int,
+        chunk_points: int,
+        losses: list[tuple[int, int]],
+        skipped: frozenset[int],
     ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         if self._laz is not None:
             kept = losses if self._salvage else None
-            yield from self._laz.batches(selection, chunk_points, kept)
+            yield from self._laz.batches(selection, chunk_points, kept, skipped)
             return
         record = self.header.record_bytes
         for start in range(0, self.n_points, chunk_points):

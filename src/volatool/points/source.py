@@ -10,6 +10,20 @@ from volatool.model import CrsInfo, PointChunk
 from volatool.points.header import LasHeader
 
 
+class Named(Protocol):
+    """What an elevation model needs of its input beside the points."""
+
+    @property
+    def name(self) -> str:
+        """File name without folders."""
+        ...
+
+    @property
+    def crs(self) -> CrsInfo:
+        """CRS of the coordinates."""
+        ...
+
+
 class Source(Protocol):
     """
     Points in file order, as often as wanted: `PointSource` and `Reprojected`.
