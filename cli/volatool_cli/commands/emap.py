@@ -117,9 +117,9 @@ from volatool_cli.params import BoundsType, LengthType, SizeType, WordsType
 )
 @click.option(
     "--layers",
-    type=WordsType("count", "flag", "distance"),
+    type=WordsType("count", "flag", "distance", "sigma"),
     default="none",
-    help="More rasters beside each model: count,flag,distance.",
+    help="More rasters beside each model: count,flag,distance,sigma.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--fail-fast", is_flag=True, help="Stop at the first scan that can't be used.")
