@@ -142,8 +142,8 @@ def emap(**arguments: Any) -> None:
     \b
     Examples:
       volatool emap scans/*.pcd --poses poses.csv -o map.tif
-      tail -f names.txt | volatool emap - --snapshot map.tif --every 10
-      python drive.py | volatool emap --format npy --window 20
+      cat names.txt | volatool emap - --snapshot map.tif --every 10
+      cat drive.npy | volatool emap --format npy --window 20
     """
     from volatool_cli.follow import follow
 
