@@ -2,6 +2,7 @@
 
     python benchmarks/dem_loo.py --shared /path/to/shared
     python benchmarks/dem_loo.py --tiles topo,ahn1 --seeds 3 --rule 0.05,5 --cell auto
+    python benchmarks/dem_loo.py --rule 2,20+0.01,1,1.2
 
 One tenth of each tile's ground points is held out, at random or in square gaps of 5, 10 and 20 m;
 the DEM is made of the others by the product's own `make_dem`, written nowhere, and read bilinearly
@@ -9,10 +10,10 @@ at the held-out points. The table has RMSE over that of a TIN of the same points
 outside the hull), squares pooled over the seeds. The DEM leaves cells outside the hull of its
 points void: those points count for neither, and the table says how many they are.
 
-``--rule product`` is the rule of the product: it looks at the tile itself and has no other tile's
-numbers. ``--rule RHO,ELL`` is one pair for all tiles, in squares and multiples of the spacing.
-``--rule loo`` judges what choosing one pair from other tiles is worth: each tile gets, of a list of
-pairs, the one that is best in the mean of all others.
+``--rule product`` is the rule of the product. ``--rule RHO,ELL`` is one net for all tiles, in
+squares and multiples of the spacing; ``RHO,ELL+RHO,ELL,TETHER`` two nets. As the product's rule was
+chosen on these tiles, ``--rule loo`` judges what such a choice is worth on another tile: each gets,
+of the list of nets, those that are best in the mean of all others.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ import ground_tiles
 import numpy as np
 from ground_tiles import F64, KINDS, Ground
 
-from volatool.dem.cell import mean_spacing
 from volatool.dem.gather import ROW, SurfaceGatherer, SurfacePoints
 from volatool.dem.surfaces import Dem, make_dem
+from volatool.emap import tuning
 from volatool.kernels import spring
 from volatool.model import CrsInfo, PointChunk
 from volatool.scratch import Scratch, Spool
@@ -45,7 +46,19 @@ FIRST_SEED = 10
 MAX_GAP_M = 1000.0
 """Gaps of the test are filled whatever their size: what is void is outside the hull."""
 
-PAIRS = tuple((rho, ell) for rho in (0.005, 0.01, 0.02, 0.05, 0.1) for ell in (2.0, 3.0, 5.0, 10.0))
+CANDIDATES = (
+    "0.02,3",
+    "0.05,5",
+    "0.1,10",
+    "5,20+0.01,1,1.2",
+    "2,20+0.01,1,1.2",
+    "3,40+0.02,1,1.2",
+    "5,20+0.05,2,2",
+    "25,20+0.5,3,4+0.02,1,1",
+)
+"""The rules that ``--rule loo`` chooses from."""
+
+LAYERS = tuning.LAYERS
 
 
 def surface_points(ground: Ground) -> SurfacePoints:
@@ -64,6 +77,15 @@ def train(points: SurfacePoints, rows: Any) -> SurfacePoints:
     return replace(points, spool=spool)
 
 
+def nets(rule: str) -> tuple[tuple[float, float, float], ...]:
+    """Return what a rule says of each net: stiffness, length, tether (0: none)."""
+    layers = []
+    for net in rule.split("+"):
+        rho, ell, tether = map(float, (net + ",0").split(",")[:3])
+        layers.append((rho, ell, tether))
+    return tuple(layers)
+
+
 def dem_errors(
     ground: Ground, points: SurfacePoints, out: Any, cell: str, rule: str
 ) -> tuple[F64, Dem]:
@@ -71,13 +93,9 @@ def dem_errors(
     unit = ground.unit
     crs = CrsInfo(metres_per_unit_xy=unit, metres_per_unit_z=unit)
     used = train(points, ground.rows[~out])
-    given: dict[str, float] = {}
-    if rule != "product":
-        rho, ell = map(float, rule.split(","))
-        s = mean_spacing(used, unit)
-        given = {"k_surface": rho * s**2, "ell": ell * s}
+    tuning.LAYERS = LAYERS if rule == "product" else nets(rule)
     edge: Any = "auto" if cell == "auto" else Fraction(cell) / unit
-    dem = make_dem(used, crs, edge, max_gap=MAX_GAP_M / float(unit), **given)
+    dem = make_dem(used, crs, edge, max_gap=MAX_GAP_M / float(unit))
     col, row = dem.grid.places(ground.rows[out], points.scale, points.offset)
     found = np.empty(len(col))
     heights = dem.z.astype(np.float64)
@@ -179,7 +197,7 @@ def main() -> None:
     parser.add_argument("--shared", default=os.environ.get("VOLATOOL_SHARED"), type=Path)
     parser.add_argument("--tiles", help="names, comma between; all by default")
     parser.add_argument("--seeds", type=int, default=3, help="hold-outs of each kind [3]")
-    parser.add_argument("--rule", default="product", help="product, RHO,ELL or loo [product]")
+    parser.add_argument("--rule", default="product", help="product, nets, or loo [product]")
     parser.add_argument("--cell", default="1", help="edge in metres, or auto [1]")
     parser.add_argument("--json", type=Path, help="also write the numbers to this file")
     parser.add_argument(
@@ -196,7 +214,7 @@ def main() -> None:
         if unknown:
             sys.exit(f"no such tile: {', '.join(sorted(unknown))}")
         chosen = [tile for tile in chosen if tile.name in wanted]
-    rules = [f"{rho:g},{ell:g}" for rho, ell in PAIRS] if args.rule == "loo" else [args.rule]
+    rules = CANDIDATES if args.rule == "loo" else (args.rule,)
     records: list[dict[str, Any]] = []
     for tile in chosen:
         records += judge(tile, args.seeds, args.cell, rules, args.cache)

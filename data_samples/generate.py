@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import datetime
+import json
 import struct
 import sys
 from dataclasses import dataclass, replace
@@ -178,6 +179,45 @@ def generate(kind: str, path: Path, n_points: int | None = None) -> int:
     return n_written
 
 
+def write_lake(path: Path) -> int:
+    """
+    Write the town's lake as a GeoJSON polygon, its shore drawn through the sides of 1 m squares.
+
+    Returns
+    -------
+    n_corners : int
+    """
+    from rasterio.features import shapes
+    from town import LAKE
+
+    sample = SAMPLES["town"]
+    scene = sample.scene(sample.flight.width, sample.flight.height)
+    width, height = int(sample.flight.width), int(sample.flight.height)
+    u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    is_wet = (scene.terrain(u.ravel(), v.ravel()) < LAKE).reshape(u.shape).astype(np.uint8)
+    found = [shape["coordinates"][0] for shape, value in shapes(is_wet) if value]
+    corners = np.array(max(found, key=len))
+    ring = [corners[0]]
+    for corner in corners[1:]:  # metre by metre
+        n = int(np.abs(corner - ring[-1]).max())
+        ring += [ring[-1] + (corner - ring[-1]) * k / n for k in range(1, n + 1)]
+    sides = np.array(ring)
+    middles = (sides[1:] + sides[:-1]) / 2 + sample.corner  # cuts the corners of the squares
+    places = [[round(x, 2), round(y, 2)] for x, y in [*middles.tolist(), middles[0].tolist()]]
+    feature = {
+        "type": "Feature",
+        "properties": {"natural": "lake"},
+        "geometry": {"type": "Polygon", "coordinates": [places]},
+    }
+    document = {
+        "type": "FeatureCollection",
+        "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}},
+        "features": [feature],
+    }
+    path.write_text(json.dumps(document) + "\n", encoding="utf-8", newline="\n")
+    return len(places)
+
+
 def checkpoints(path: Path, n: int = 48) -> None:
     """
     Write checkpoints of the town: its terrain in the open, surveyed to 2 cm.
@@ -222,6 +262,8 @@ def main(arguments: list[str] | None = None) -> None:
         n_written = generate(kind, path, options.points)
         print(f"{path.name}: {n_written} points, {path.stat().st_size} bytes")
     if options.kind is None:
+        path = HERE / "town-lake.geojson"
+        print(f"{path.name}: {write_lake(path)} corners, {path.stat().st_size} bytes")
         checkpoints(HERE / "town-checkpoints.csv")
 
 

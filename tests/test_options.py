@@ -32,6 +32,7 @@ from volatool.units import Length
         ({"depth": "auto"}, "whole number"),
         ({"thin": 0}, "thin"),
         ({"k_surface": 0}, "--k-surface"),
+        ({"ell": "10m", "preset": "paper"}, "--ell"),
         ({"k_point": float("nan")}, "--k-point"),
         ({"compat": "toolkit", "depth": 3, "classes": (2,)}, "--class"),
     ],

@@ -172,3 +172,9 @@ def test_forest_is_old_feet_and_unclassified(forest: laspy.LasData) -> None:
     assert count.max() == 5
     height = forest.header.maxs[2] - forest.header.mins[2]
     assert 300 < height < 600  # feet
+
+
+def test_the_lake_is_what_the_generator_draws(generator: ModuleType, tmp_path: Path) -> None:
+    """The same bytes again."""
+    generator.write_lake(tmp_path / "lake.geojson")
+    assert (tmp_path / "lake.geojson").read_bytes() == (SAMPLES / "town-lake.geojson").read_bytes()

@@ -331,6 +331,16 @@ def test_a_split_into_too_many_cubes_is_refused(side, tmp_path):
         assert converted(path, tmp_path / "out", split=side, dem=False).cube["cubes"] == 1
 
 
+def test_a_given_length_makes_one_net(tmp_path):
+    """--ell: a single net in the report, of that length in units of the CRS."""
+    path = write_las(tmp_path / "t.las", hills(300), crs=25832)
+    solver = vt.convert(path, tmp_path / "out", ell="2.5m", cell=1).dem["solver"]
+    assert solver["rule"] == "given"
+    (net,) = solver["nets"]
+    assert net["ell"] == pytest.approx(2.5)
+    assert net["tether"] is None
+
+
 @pytest.mark.parametrize("k_surface", [1e-320, 1e-11, 1e300])
 def test_a_stiffness_out_of_all_proportion_is_refused(k_surface, tmp_path):
     path = write_las(tmp_path / "t.las", hills(300), crs=25832)
@@ -475,3 +485,12 @@ def test_compat_toolkit_from_the_command_line_equals_the_golden_file(name, share
     made = next(output for output in report.paths if output.suffix == suffix).read_bytes()
     golden = (shared / "golden" / "files" / name).read_bytes()
     assert made[:16] + made[32:] == golden[:16] + golden[32:]
+
+
+def test_a_length_asks_for_a_single_net(tmp_path):
+    """`--ell` is in units of its own, and the report tells it in those of the CRS."""
+    path = write_las(tmp_path / "t.las", hills(3000), crs=2263)  # feet
+    report = vt.convert(path, tmp_path / "out", ell="250cm", cell="1m")
+    (net,) = report.dem["solver"]["nets"]
+    assert report.dem["solver"]["rule"] == "given"
+    assert net["ell"] == pytest.approx(2.5 / (1200 / 3937))

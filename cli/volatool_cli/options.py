@@ -184,7 +184,17 @@ dem = group(
         show_default=True,
         help="Springs: ours, or the EMap paper's membrane.",
     ),
-    click.option("--k-surface", type=float, metavar="K", help="Stiffness of the surface springs."),
+    click.option(
+        "--k-surface",
+        type=float,
+        metavar="K",
+        help="Stiffness of a single surface net.  [default: the sum of two, by the spacing]",
+    ),
+    click.option(
+        "--ell",
+        type=LengthType(),
+        help="Length beyond which a single net would rather be level than keep its slope.",
+    ),
     click.option("--k-point", type=float, metavar="K", help="Stiffness of the point springs."),
     click.option(
         "--tol",
@@ -228,6 +238,14 @@ dem = group(
         help="Cell and stiffness of a whole set, from the reports of a first run.",
     ),
     click.option("--like", metavar="REF.tif", help="Cells, corner and extent of a raster."),
+    click.option(
+        "--breaklines",
+        metavar="FILE",
+        help="Lines (GeoJSON, GeoPackage, ...) that the surface may break along.",
+    ),
+    click.option(
+        "--water", metavar="FILE", help="Polygons: lakes become level, river banks may break."
+    ),
 )
 
 output = group(

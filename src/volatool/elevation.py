@@ -146,15 +146,16 @@ def write_elevation(
 
 
 def solver_warnings(dem: Dem) -> list[CodedWarning]:
-    """Say when the solver gave up before its tolerance was met."""
+    """Say what came up while the model was made, and when the solver gave up short of --tol."""
     if dem.solver.get("converged", True):
-        return []
+        return list(dem.notes)
     return [
+        *dem.notes,
         CodedWarning(
             "W_NOT_CONVERGED",
             f"the solver stopped after {dem.solver['iterations']} iterations short of --tol; the "
             "surface is too soft or too stiff for the points: leave out --k-surface and --k-point",
-        )
+        ),
     ]
 
 
@@ -232,6 +233,11 @@ def dem_of(
 
     unit = source.crs.metres_per_unit_xy
     cell, gap = options.cell, options.max_gap
+    barriers = None
+    if options.breaklines is not None or options.water is not None:
+        from volatool.dem.vectors import read_barriers
+
+        barriers = read_barriers(options.breaklines, options.water, source.crs)
     dem = make_dem(
         points,
         source.crs,
@@ -241,10 +247,13 @@ def dem_of(
         k_surface=options.k_surface,
         k_point=options.k_point,
         spacing=None if shared is None else shared.spacing,
+        ell=None if options.ell is None else float(options.ell.in_units(unit)),
         tol_m=float(options.tol.in_units(Fraction(1))),  # a bare number is in metres
         scratch=scratch,
         preset=options.preset,
         grid=grid,
+        barriers=barriers,
+        with_noise="sigma" in options.layers or options.holdout is not None,
     )
     logger.info(
         "%s: %s of %d x %d cells of %g, %s iterations",

@@ -61,7 +61,7 @@ class FollowOptions:
     frame : {"sensor", "world"}
         What the scans' coordinates are in, when there are poses.
     layers : tuple of str
-        Rasters beside each model: ``count``, ``flag``, ``distance``.
+        Rasters beside each model: ``count``, ``flag``, ``distance``, ``sigma``.
     memory_bytes : int
         Half of it for the evidence, half for the rasters.
     """
@@ -209,7 +209,8 @@ class Follower:
 
         scratch = Scratch(self.options.memory_bytes // 2)
         gap = self._units(self.options.max_gap)
-        dem = dem_of_scans(self.map, self.crs, max_gap=gap, scratch=scratch)
+        with_sigma = "sigma" in self.options.layers
+        dem = dem_of_scans(self.map, self.crs, max_gap=gap, with_sigma=with_sigma, scratch=scratch)
         if dem is None:
             return []
         tags = {"SCANS": str(self.map.n_scans)}

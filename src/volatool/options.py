@@ -13,7 +13,9 @@ from volatool.model import Bounds
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
-_LENGTHS = ("cube", "split", "resolution", "cell", "max_gap", "tol", "buffer", "sigma")
+_LENGTHS = (
+    "cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer", "sigma",
+)  # fmt: skip
 
 MAX_HOLDOUT = 50.0
 """Per cent of the points."""
@@ -96,7 +98,9 @@ class ConvertOptions:
     fill : bool
         Fill cells without points.
     k_surface, k_point : float, optional
-        Spring stiffness.
+        Spring stiffness. `k_surface` makes the surface of a single net.
+    ell : Length, optional
+        Length beyond which tension rules over bending, in a single net.
     layers : tuple of str
         ``"count"``, ``"flag"``, ``"distance"``, ``"sigma"``.
     sigma : Length, optional
@@ -111,6 +115,8 @@ class ConvertOptions:
         A GeoTIFF whose cells and extent the elevation model gets.
     params_from : str, optional
         A file of reports, for the cell and stiffness of a whole set.
+    breaklines, water : str, optional
+        Vector files: lines that no spring crosses; lakes and rivers.
     preview : bool
         Write a picture.
     memory : int
@@ -159,6 +165,7 @@ class ConvertOptions:
     preset: str = "emap"
     k_surface: float | None = None
     k_point: float | None = None
+    ell: Length | None = None
     tol: Length = _TOLERANCE
     layers: tuple[str, ...] = ()
     sigma: Length | None = None
@@ -167,6 +174,8 @@ class ConvertOptions:
     buffer: Length | None = None
     like: str | None = None
     params_from: str | None = None
+    breaklines: str | None = None
+    water: str | None = None
     preview: bool = False
     memory: int = DEFAULT_MEMORY_BYTES
     resources: bool = True
@@ -197,6 +206,8 @@ class ConvertOptions:
             )
         if self.chunk_points < 1:
             raise OptionError(f"chunk_points must be at least 1, got {self.chunk_points}")
+        if self.ell is not None and self.preset == "paper":
+            raise OptionError("--ell is for bending springs: --preset paper has none")
         if self.split is not None and (self.cube != "auto" or self.snap):
             raise OptionError("--split cuts into snapped cubes: leave out --cube and --snap")
         if self.split is not None and self.budget is not None:
@@ -204,6 +215,9 @@ class ConvertOptions:
         if self.compat == "toolkit":
             self._check_toolkit()
         self._check_seams()
+        for name in ("breaklines", "water"):
+            if getattr(self, name) is not None and self.surface not in ("auto", "dtm", "dsm"):
+                raise OptionError(f"--{name} is for EMap surfaces, not --surface {self.surface}")
 
     def _check_seams(self) -> None:
         """Refuse what can't be the same for all tiles of a set."""

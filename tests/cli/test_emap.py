@@ -89,6 +89,7 @@ def test_lines_come_out_as_scans_go_in(live):
 
 def test_a_producer_that_takes_its_time(live, volatool):
     """Lines have the pace of the scans, not of a buffer."""
+    volatool("emap", "--format", "npy", text=False, input=npy_bytes(scan()))  # compiled by now
     producer = subprocess.Popen(
         [sys.executable, "-c", PRODUCER, "4", "0.5"],
         stdout=subprocess.PIPE,
@@ -107,7 +108,7 @@ def test_the_surface_and_its_files(volatool):
     """Line, snapshot and last model say the same as the class."""
     scans = [scan(0.2 * k, seed=k) for k in range(4)]
     run = volatool(
-        "emap", "--format", "npy", "-o", "out/map.tif", "--layers", "flag,count,distance",
+        "emap", "--format", "npy", "-o", "out/map.tif", "--layers", "flag,count,distance,sigma",
         "--snapshot", "snaps", "--every", "2",
         stdin=None, input=npy_bytes(*scans), text=False,
     )  # fmt: skip
@@ -129,7 +130,7 @@ def test_the_surface_and_its_files(volatool):
     ]  # fmt: skip
     out = volatool.folder / "out"
     assert sorted(path.name for path in out.iterdir()) == [
-        "map.count.tif", "map.distance.tif", "map.flag.tif", "map.tif"
+        "map.count.tif", "map.distance.tif", "map.flag.tif", "map.sigma.tif", "map.tif"
     ]  # fmt: skip
     dem = read_dem(out / "map.tif")
     assert not check_dem(out / "map.tif")
@@ -137,6 +138,9 @@ def test_the_surface_and_its_files(volatool):
     flag = read_dem(out / "map.flag.tif").z
     np.testing.assert_array_equal(np.isnan(dem.z), flag == 0)
     assert read_dem(out / "map.count.tif").z.sum() == 8000
+    sigma = read_dem(out / "map.sigma.tif").z
+    np.testing.assert_array_equal(np.isnan(sigma), flag == 0)
+    assert np.nanmean(sigma[flag == 2]) > np.nanmean(sigma[flag == 1]) > 0
     row, col = np.nonzero(flag == 1)
     x = dem.grid.left + (col + 0.5) * dem.grid.cell
     y = dem.grid.top - (row + 0.5) * dem.grid.cell

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 import pytest
+from making_scans import npy_bytes, pcd_bytes, scan
 
 from volatool_cli.main import cli
 
@@ -82,6 +83,12 @@ def test_the_examples_of_the_help_run(name, volatool):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():
             made.unlink()
+    if name == "emap":
+        (folder / "scans").mkdir()
+        (folder / "scans" / "0.pcd").write_bytes(pcd_bytes(scan()))
+        (folder / "poses.csv").write_text("0 0 2\n")
+        (folder / "names.txt").write_text("scans/0.pcd\n")
+        (folder / "drive.npy").write_bytes(npy_bytes(scan()))
     block = help_of(name).split("Examples:")[1].split("Options:")[0]
     examples = [line.strip() for line in block.splitlines() if line.strip()]
     assert examples

@@ -14,6 +14,7 @@ from volatool.emap.blocks import SIDE
 from volatool.emap.solve import solve
 from volatool.emap.system import Evidence, Springs
 from volatool.errors import OptionError, ResourceError
+from volatool.kernels import quads
 
 
 def drive(n=20):
@@ -335,3 +336,51 @@ def test_loop_speed():
         m.update(points)
         m.solve_window((0.2 * k, 0), 40)
     assert (time.process_time() - start) / 10 < 0.05
+
+
+@pytest.mark.parametrize("margin", [0, 4])
+@pytest.mark.parametrize("attach", ["bilinear", "nearest"])
+def test_random_forces_have_the_covariance_of_the_evidence(margin, attach):
+    """The mean of f f^T over all signs is D, with its lumped rim, exactly: by each sign alone."""
+    rng = np.random.default_rng(5)
+    m = vt.EMap(cell=1.0, attach=attach)
+    m.update(np.column_stack([rng.uniform(-6, 6, (60, 2)), rng.normal(size=60)]))
+    n = 8 + 2 * margin
+    evidence = m._blocks.evidence(-n // 2, -n // 2, n, n)
+    forces = np.zeros((n, n, 64), np.float32)
+    for start in range(0, 6400, 64):  # other places have other signs
+        part = np.zeros((n, n, 64), np.float32)
+        for key, block, factor in m._blocks._weighed(-n // 2, -n // 2, n, n):
+            row, col = key[0] * SIDE, key[1] * SIDE
+            quads.pull(
+                block.quads, factor, col + n // 2, row + n // 2, col + start * SIDE, row, 0, part
+            )
+        forces = part if start == 0 else np.concatenate([forces, part], axis=2)
+    flat = forces.reshape(n * n, -1).astype(float)
+    found, expected = flat @ flat.T / flat.shape[1], naive_dem.dense_stencil(evidence.data)
+    spread = np.sqrt((np.outer(np.diag(expected), np.diag(expected)) + expected**2) / 6400)
+    assert (np.abs(found - expected) <= 6 * spread + 1e-6).all()
+
+
+def test_sigma_is_that_of_the_dense_inverse():
+    """32 samples: within 15 % rms of the exact standard error, and larger where nothing is."""
+    points = scan(n=600, reach=2.0)
+    points = points[~((abs(points[:, 0] - 1) < 0.6) & (abs(points[:, 1]) < 0.6))]
+    m = vt.EMap((-2, -2, 2, 2), cell=0.25, margin=2, sigma=0.07)
+    m.update(points)
+    n = 20
+    evidence = m._blocks.evidence(-n // 2, -n // 2, n, n)
+    matrix = naive_dem.surface_matrix(n, n, m.springs.kb, m.springs.km)
+    matrix = matrix + naive_dem.dense_stencil(evidence.data)
+    exact = 0.07 * np.sqrt(np.diag(np.linalg.inv(matrix))).reshape(n, n)[2:-2, 2:-2]
+    ratio = m.sigma / exact
+    assert np.sqrt(np.mean((ratio - 1) ** 2)) < 0.15
+    assert abs(np.mean(m.standard_error(64) / exact) - 1) < 0.06
+    np.testing.assert_array_equal(m.sigma, m.sigma)
+
+
+def test_sigma_needs_points_and_samples():
+    m = vt.EMap((0, 0, 1, 1))
+    assert np.isnan(m.sigma).all()
+    with pytest.raises(OptionError, match="samples"):
+        m.standard_error(65)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from volatool.emap.system import Evidence, Springs, apply
 from volatool.errors import OptionError
+from volatool.kernels import spring
 from volatool.scratch import Scratch
 
 SHAPES = [(2, 2), (2, 7), (7, 2), (3, 3), (4, 5), (9, 6), (12, 17)]
@@ -88,6 +89,21 @@ def test_evidence_adds():
     first += second
     np.testing.assert_allclose(first.data, both.data, atol=1e-14)
     np.testing.assert_allclose(first.right, both.right, atol=1e-14)
+
+
+def test_heights_taken_off_are_those_above_the_surface():
+    """`subtract` equals points that come with their heights above it; a tether says no height."""
+    rng = np.random.default_rng(5)
+    col, row, height = rng.uniform(0, 9, 40), rng.uniform(0, 7, 40), rng.normal(size=40)
+    springs, z = Springs(1.0, 1.0, 2.0), rng.normal(size=(7, 9))
+    evidence, above = Evidence(7, 9), Evidence(7, 9)
+    evidence.add(col, row, height, springs)
+    evidence.tether(0.5)
+    evidence.subtract(z, 0.5)
+    below = np.empty(40)
+    spring.interpolate(z, col, row, False, 0, 7, below)
+    above.add(col, row, height - below, springs)
+    np.testing.assert_allclose(evidence.right, above.right, atol=1e-12)
 
 
 def test_points_outside_are_ignored():

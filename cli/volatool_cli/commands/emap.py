@@ -117,9 +117,9 @@ from volatool_cli.params import BoundsType, LengthType, SizeType, WordsType
 )
 @click.option(
     "--layers",
-    type=WordsType("count", "flag", "distance"),
+    type=WordsType("count", "flag", "distance", "sigma"),
     default="none",
-    help="More rasters beside each model: count,flag,distance.",
+    help="More rasters beside each model: count,flag,distance,sigma.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--fail-fast", is_flag=True, help="Stop at the first scan that can't be used.")
@@ -142,8 +142,8 @@ def emap(**arguments: Any) -> None:
     \b
     Examples:
       volatool emap scans/*.pcd --poses poses.csv -o map.tif
-      tail -f names.txt | volatool emap - --snapshot map.tif --every 10
-      python drive.py | volatool emap --format npy --window 20
+      cat names.txt | volatool emap - --snapshot map.tif --every 10
+      cat drive.npy | volatool emap --format npy --window 20
     """
     from volatool_cli.follow import follow
 

@@ -13,17 +13,25 @@ from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid
 from volatool.emap.noise import TOL, signs
 from volatool.emap.solve import SolveInfo, solve
-from volatool.emap.system import Evidence, strips
+from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
 from volatool.emap.tuning import Net, Tuned
 from volatool.model import F64, Progress
 from volatool.scratch import Scratch
 
 if TYPE_CHECKING:
+    from volatool.dem.barriers import Placed
     from volatool.dem.surfaces import Dem
+    from volatool.emap.lines import Lines
 
 
 def fit(
-    points: SurfacePoints, outer: Grid, tuned: Tuned, dem: Dem, tol: float, progress: Progress
+    points: SurfacePoints,
+    outer: Grid,
+    tuned: Tuned,
+    dem: Dem,
+    tol: float,
+    progress: Progress,
+    barriers: Placed | None = None,
 ) -> tuple[F64, dict[str, Any]]:
     """
     Solve net after net.
@@ -42,6 +50,8 @@ def fit(
         Stop of the solver, vertical unit.
     progress : callable
         Told the iterations.
+    barriers : Placed, optional
+        What no spring crosses.
 
     Returns
     -------
@@ -57,13 +67,31 @@ def fit(
         before = sum(info.iterations for info in infos)
         progress(before + done, before + of * (len(tuned.nets) - len(infos)))
 
-    for net in tuned.nets:
-        evidence = _evidence(points, outer, net, dem, z)
-        # each net may add its error to those before
+    evidence = _evidence(points, outer, tuned.springs, dem, barriers)
+    if barriers is not None:
+        barriers.hold(evidence, tuned.springs.weight)
+    tether = 0.0
+    for number, net in enumerate(tuned.nets):
+        if net.tether != tether:
+            evidence.tether(net.tether - tether)
+            tether = net.tether
+        is_last = number == len(tuned.nets) - 1
+        # what is left for a later net is small: level 0 is a better start than a multigrid pass
+        level = None if z is None else dem.scratch.zeros(evidence.shape, np.float64)
         part, info = solve(
-            evidence, net.springs, tol=tol / len(tuned.nets), consume=True, progress=tell
+            evidence,
+            net.springs,
+            tol=tol,
+            start=level,
+            consume=is_last,
+            progress=tell,
+            cuts=None if barriers is None else barriers.cuts,
         )
+        if level is not None:
+            dem.scratch.free(level)
         infos.append(info)
+        if not is_last:
+            evidence.subtract(part, tether)
         if z is None:
             z = part
             continue
@@ -95,43 +123,74 @@ def _describe(net: Net, cell: float) -> dict[str, float | None]:
 
 
 def _evidence(
-    points: SurfacePoints, outer: Grid, net: Net, dem: Dem, before: F64 | None
+    points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem, barriers: Placed | None
 ) -> Evidence:
-    """
-    Sum the springs of the points, of their heights above the nets before.
+    """Sum the springs of the points and set the DEM's counts."""
+    from volatool.kernels import binning
 
-    The first time (`before` is None) it also sets the DEM's counts.
-    """
-    from volatool.kernels import binning, spring
-
+    lines = None if barriers is None else barriers.cuts.lines
     evidence = Evidence(outer.height, outer.width, dem.scratch)
     zero = stored_zero(points)
     for first, last in evidence.windows():
         for rows in points.pieces():
             col, row = outer.places(rows, points.scale, points.offset)
             heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
-            if before is not None:
-                below = np.zeros(len(rows))
-                # points that pull on the window's first row may lie in the row above
-                top = max(first - 1, 0)
-                spring.interpolate(before, col, row, net.springs.is_nearest, top, last, below)
-                heights -= below
-                dem.scratch.relax(before)
-            evidence.add(col, row, heights, net.springs, (first, last))
-            if before is None:
-                # the DEM's rows in this window: its row r is row r + 1 of the outer grid
-                low, high = max(first - 1, 0), last - 1 if last < outer.height else last
-                binning.count(col - 1.0, row - 1.0, low, high, dem.count)
+            evidence.add(col, row, heights, springs, (first, last), lines=lines)
+            # the DEM's rows in this window: its row r is row r + 1 of the outer grid
+            low, high = max(first - 1, 0), last - 1 if last < outer.height else last
+            binning.count(col - 1.0, row - 1.0, low, high, dem.count)
         evidence.relax(first, last)
         dem.scratch.relax(dem.count)
-    if net.tether:
-        evidence.tether(net.tether)
     return evidence
+
+
+def _read(
+    z: F64,
+    col: F64,
+    row: F64,
+    is_nearest: bool,
+    window: tuple[int, int],
+    lines: Lines | None,
+    out: F64,
+) -> None:
+    """Read a surface at points, each on its own side of the lines."""
+    from volatool.kernels import spring
+    from volatool.kernels.lines import cut_interpolate
+
+    if lines is None:
+        spring.interpolate(z, col, row, is_nearest, *window, out)
+    else:
+        cut_interpolate(z, col, row, is_nearest, *window, *lines.tables, out)
 
 
 def stored_zero(points: SurfacePoints) -> np.int64:
     """Return the stored z that heights are counted from: the middle, to keep digits."""
     return np.int64(sum(points.z_range) // 2)
+
+
+def sum_of_squares(
+    points: SurfacePoints,
+    outer: Grid,
+    tuned: Tuned,
+    z: F64,
+    scratch: Scratch,
+    barriers: Placed | None = None,
+) -> float:
+    """Return the sum of the squares of point minus surface."""
+    lines = None if barriers is None else barriers.cuts.lines
+    zero = stored_zero(points)
+    sums: list[float] = []
+    cells = 4 * STRIP_CELLS if scratch.spilled_bytes else outer.height * outer.width
+    windows = list(strips(outer.height, outer.width, cells))
+    for rows in points.pieces():
+        col, row = outer.places(rows, points.scale, points.offset)
+        fit = np.empty(len(rows))
+        for first, last in windows:
+            _read(z, col, row, tuned.springs.is_nearest, (first, last), lines, fit)
+            scratch.relax(z, first, last)
+        fit -= (rows[:, 2] - zero) * points.scale[2]
+        sums.append(float(np.nansum(np.square(fit))))  # NaN: lines all round
+    return math.fsum(sums)
 
 
 def readings(

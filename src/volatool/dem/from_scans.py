@@ -15,7 +15,12 @@ SURFACE = "emap"
 
 
 def dem_of_scans(
-    m: EMap, crs: CrsInfo, *, max_gap: float | None = None, scratch: Scratch | None = None
+    m: EMap,
+    crs: CrsInfo,
+    *,
+    max_gap: float | None = None,
+    with_sigma: bool = False,
+    scratch: Scratch | None = None,
 ) -> Dem | None:
     """
     Return the model of all that a map has seen, or of its bounds.
@@ -29,6 +34,8 @@ def dem_of_scans(
     max_gap : float, optional
         No cell farther than this from a measured one is filled, see `fill_flags`; 10 cells by
         default. In the unit of the map.
+    with_sigma : bool
+        Tell standard errors too: 32 more solves.
     scratch : Scratch, optional
         Where the grids live.
 
@@ -55,6 +62,11 @@ def dem_of_scans(
     z = scratch.zeros(shape, np.float32)
     z[:] = np.where(flag == VOID, np.nan, surface.z)
     known = z[flag != VOID]
+    sigma = None
+    if with_sigma:
+        sigma = scratch.zeros(shape, np.float32)
+        sigma[:] = m.standard_error(grid=grid, scratch=scratch)
+        sigma[flag == VOID] = np.nan
     return Dem(
         z,
         flag,
@@ -69,5 +81,6 @@ def dem_of_scans(
         cells_measured=int(np.count_nonzero(flag == MEASURED)),
         cells_filled=int(np.count_nonzero(flag == FILLED)),
         cells_void=int(np.count_nonzero(flag == VOID)),
+        sigma=sigma,
         scratch=scratch,
     )

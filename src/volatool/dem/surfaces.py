@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,15 +15,19 @@ from volatool.dem.baselines import BASELINES, fill_baseline
 from volatool.dem.cell import CellChoice, choose_cell, mean_spacing
 from volatool.dem.crop import summary
 from volatool.dem.distance import MEASURED, VOID, distance_cells, fill_flags
-from volatool.dem.fit import answer, fit, readings, stored_zero
+from volatool.dem.fit import answer, fit, readings, stored_zero, sum_of_squares
 from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid, grid_for
 from volatool.emap.noise import Noise, measure
 from volatool.emap.system import strips
-from volatool.emap.tuning import Tuned, choose_springs
-from volatool.errors import OptionError
+from volatool.emap.tuning import MAX_FREEDOM, Tuned, choose_springs, degrees_of_freedom
+from volatool.errors import CodedWarning, OptionError
 from volatool.model import F64, CrsInfo, Progress, as_fraction, no_progress
 from volatool.scratch import Scratch
+
+if TYPE_CHECKING:
+    from volatool.dem.barriers import Placed
+    from volatool.dem.vectors import Barriers
 
 NODATA = -9999.0
 """What stands in files for a void cell; in memory it is NaN."""
@@ -79,6 +84,10 @@ class Dem:
         Counts of the flag's values.
     choice : CellChoice or None
         How the cell was chosen, when it was.
+    barriers : dict or None
+        The report's ``dem.barriers``.
+    notes : tuple of CodedWarning
+        What came up.
     scratch : Scratch
         Where the arrays live.
     """
@@ -103,6 +112,8 @@ class Dem:
     cells_filled: int = 0
     cells_void: int = 0
     choice: CellChoice | None = None
+    barriers: dict[str, Any] | None = None
+    notes: tuple[CodedWarning, ...] = ()
     scratch: Scratch = field(default_factory=Scratch, repr=False)
 
     @property
@@ -117,7 +128,7 @@ class Dem:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report's ``dem`` object without ``path`` and ``holdout``."""
-        return {
+        document = {
             "cell": self.grid.cell,
             "width": self.grid.width,
             "height": self.grid.height,
@@ -134,6 +145,9 @@ class Dem:
             "spacing": self.spacing,
             "solver": dict(self.solver),
         }
+        if self.barriers is not None:
+            document["barriers"] = self.barriers
+        return document
 
     def free(self) -> None:
         """Give the arrays' memory back; the DEM must not be used any more."""
@@ -158,6 +172,8 @@ def make_dem(
     progress: Progress = no_progress,
     preset: str = "emap",
     grid: Grid | None = None,
+    barriers: Barriers | None = None,
+    with_noise: bool = False,
 ) -> Dem:
     """
     Make a DEM.
@@ -189,6 +205,10 @@ def make_dem(
         ``"emap"`` or ``"paper"`` (stretching springs only, points pull on the nearest node).
     grid : Grid, optional
         Cells to make, whatever `cell` and the points' box say; points outside don't count.
+    barriers : Barriers, optional
+        Break lines and water; not for plain baselines.
+    with_noise : bool
+        Tell the points' noise by blocks, for standard errors: costs as much again as the surface.
 
     Returns
     -------
@@ -230,23 +250,30 @@ def make_dem(
     )
     # one more cell all round: every point then has four nodes about it
     outer = grid.padded(1)
-    z, solver = fit(points, outer, tuned, dem, tol_m / float(crs.metres_per_unit_z or 1), progress)
-    freedom = answer(points, outer, tuned, scratch)
-    block = max(1, round(NOISE_BLOCK * s / grid.cell))
-    noise = measure(tuned.springs, partial(readings, points, outer), z, freedom, block, scratch)
-    scratch.free(freedom)
-    n_void = _finish(dem, points, z, gap, fill, s)
+    tol = tol_m / float(crs.metres_per_unit_z or 1)
+    placed = None
+    if barriers is not None:
+        from volatool.dem.barriers import place
+
+        placed = place(barriers, outer, points, s, scratch)
+    z, solver = fit(points, outer, tuned, dem, tol, progress, placed)
+    if with_noise:
+        freedom = answer(points, outer, tuned, scratch)
+        block = max(1, round(NOISE_BLOCK * s / grid.cell))
+        noise = measure(tuned.springs, partial(readings, points, outer), z, freedom, block, scratch)
+        scratch.free(freedom)
+        dem = replace(dem, noise=noise, residual_rmse=noise.residual_rms, noise_sigma=noise.sigma)
+    else:
+        rms = math.sqrt(sum_of_squares(points, outer, tuned, z, scratch, placed) / len(points))
+        part = degrees_of_freedom(tuned.nets, grid.cell, s)
+        sigma = rms / math.sqrt(1 - part) if part < MAX_FREEDOM else None
+        dem = replace(dem, residual_rmse=rms, noise_sigma=sigma)
+    found = _finish(dem, points, z, gap, fill, s, placed)
     scratch.free(z)
-    return replace(
-        dem,
-        spacing=s,
-        residual_rmse=noise.residual_rms,
-        noise_sigma=noise.sigma,
-        noise=noise,
-        tuned=tuned,
-        solver=solver,
-        **n_void,
-    )
+    if placed is not None:
+        dem = replace(dem, barriers=placed.document, notes=tuple(placed.warnings))
+        placed.free()
+    return replace(dem, spacing=s, tuned=tuned, solver=solver, **found)
 
 
 def gap_cells(crs: CrsInfo, cell: float, max_gap: float | None) -> float:
@@ -256,7 +283,13 @@ def gap_cells(crs: CrsInfo, cell: float, max_gap: float | None) -> float:
 
 
 def _finish(
-    dem: Dem, points: SurfacePoints, z: F64, gap: float, fill: bool, spacing: float
+    dem: Dem,
+    points: SurfacePoints,
+    z: F64,
+    gap: float,
+    fill: bool,
+    spacing: float,
+    barriers: Placed | None,
 ) -> dict[str, Any]:
     """Set flags and heights; return the counts and the range."""
     scratch, grid = dem.scratch, dem.grid
@@ -267,6 +300,9 @@ def _finish(
     if fill:
         fill_flags(dem.flag, gap, 2 * max(1.0, spacing / grid.cell), scratch)
     base = float(stored_zero(points)) * points.scale[2] + points.offset[2]
+    if barriers is not None:
+        barriers.flood(z, base)
+        barriers.settle(dem.flag)
     for start, stop in strips(grid.height, grid.width):
         rows = z[start + 1 : stop + 1, 1:-1] + base
         rows[dem.flag[start:stop] == VOID] = np.nan

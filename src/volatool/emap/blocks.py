@@ -156,21 +156,48 @@ class Blocks:
         from volatool.kernels import quads
 
         evidence = Evidence(height, width, scratch)
-        found = list(self._touching(top - 1, left - 1, height + 1, width + 1))
-        ages = [self.updates - block.updates for _, block in found]
-        youngest = min(ages, default=0)
-        # where all has faded the surface stays as it is, whatever that is worth
-        level = max(self.forget**youngest, FADED)
-        for (key, block), age in zip(found, ages, strict=True):
+        for key, block, factor in self._weighed(top, left, height, width):
             quads.gather(
                 block.quads,
-                level * self.forget ** (age - youngest),
+                factor,
                 key[1] * SIDE - left,
                 key[0] * SIDE - top,
                 evidence.data,
                 evidence.right,
             )
         return evidence
+
+    def pull(self, top: int, left: int, sample: int, forces: NDArray[np.float32]) -> None:
+        """
+        Add random forces of the points' springs, with their stencil as covariance.
+
+        Parameters
+        ----------
+        top, left : int
+            Row and column of the window's first node.
+        sample : int
+            Number of the first sample.
+        forces : (h, w, m) array of float32
+            Of samples ``sample .. sample + m``, added to; at most 64 in all.
+        """
+        from volatool.kernels import quads
+
+        height, width = forces.shape[:2]
+        for key, block, factor in self._weighed(top, left, height, width):
+            row, col = key[0] * SIDE, key[1] * SIDE
+            quads.pull(block.quads, factor, col - left, row - top, col, row, sample, forces)
+
+    def _weighed(
+        self, top: int, left: int, height: int, width: int
+    ) -> Iterator[tuple[tuple[int, int], _Block, float]]:
+        """Yield the blocks that reach into a window and what their evidence counts now."""
+        found = list(self._touching(top - 1, left - 1, height + 1, width + 1))
+        ages = [self.updates - block.updates for _, block in found]
+        youngest = min(ages, default=0)
+        # where all has faded the surface stays as it is, whatever that is worth
+        level = max(self.forget**youngest, FADED)
+        for (key, block), age in zip(found, ages, strict=True):
+            yield key, block, level * self.forget ** (age - youngest)
 
     def counts(self, top: int, left: int, height: int, width: int) -> NDArray[np.uint32]:
         """Return the number of points ever seen in each cell of a window."""

@@ -52,7 +52,7 @@ class Cuts:
         for start, stop in strips(height, width):
             edges[start:stop] = 1.0
             scratch.relax(edges, start, stop)
-        return cls(edges, scratch)
+        return cls(edges, scratch=scratch)
 
     @classmethod
     def along(cls, lines: Lines) -> Cuts:
@@ -66,7 +66,8 @@ class Cuts:
         """
         from volatool.kernels.lines import cut_edges
 
-        whole = cls.none(*lines.quads.shape, lines.scratch)
+        height, width = lines.quads.shape
+        whole = cls.none(height, width, lines.scratch)
         cut_edges(lines.segments, whole.edges)
         return cls(whole.edges, lines, lines.scratch)
 

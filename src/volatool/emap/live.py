@@ -11,8 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from volatool.dem.grid import MAX_CELLS, Grid, grid_for
 from volatool.emap.blocks import FARTHEST, Blocks
+from volatool.emap.multigrid import Hierarchy
 from volatool.emap.solve import SolveInfo, solve
 from volatool.emap.system import Springs
+from volatool.emap.uncertainty import BATCH, MAX_SAMPLES, SAMPLES
+from volatool.emap.uncertainty import TOL as SAMPLE_TOL
 from volatool.errors import OptionError, ResourceError
 from volatool.model import F64, Bool, Bounds, as_fraction
 from volatool.scratch import Scratch
@@ -387,6 +390,68 @@ class EMap:
     def measured(self) -> Bool:
         """Cells of `grid` that hold a point."""
         return self.surface.measured
+
+    @property
+    def sigma(self) -> F64:
+        """Standard error of `z` on `grid`, to about 12 %; worked out anew each time."""
+        return self.standard_error()
+
+    def standard_error(
+        self,
+        n_samples: int = SAMPLES,
+        *,
+        grid: Grid | None = None,
+        scratch: Scratch | None = None,
+    ) -> F64:
+        """
+        Return how sure heights are.
+
+        Parameters
+        ----------
+        n_samples : int
+            Random surfaces, 1 to 64: each is a solve; right to ``1 / sqrt(2 n_samples)``.
+        grid : Grid, optional
+            Of which cells, as a `Window` has it; those of `z` by default.
+        scratch : Scratch, optional
+            Where the solver's grids live.
+
+        Returns
+        -------
+        sigma : (h, w) array of float64
+            Standard errors, unit of the heights, for points as good as their `sigma` says; NaN
+            without points. Evidence that has faded counts as weaker.
+        """
+        from volatool.kernels import chance
+
+        if not 1 <= n_samples <= MAX_SAMPLES:
+            raise OptionError(f"samples must be 1 to {MAX_SAMPLES}, got {n_samples}")
+        grid = self.surface.grid if grid is None else grid
+        scratch = Scratch() if scratch is None else scratch
+        pad, (top, left) = self.margin, self._corner(grid)
+        top, left = top - pad, left - pad
+        height, width = max(2, grid.height + 2 * pad), max(2, grid.width + 2 * pad)
+        evidence = self._blocks.evidence(top, left, height, width, scratch)
+        if not evidence.data[:, 0].any():
+            return np.full((grid.height, grid.width), np.nan)
+        kb, km = self.springs.kb, self.springs.km
+        tol = SAMPLE_TOL / math.sqrt(self.springs.weight)
+        hierarchy = Hierarchy(evidence, self.springs, scratch)
+        total = np.zeros((grid.height, grid.width))
+        for first in range(0, n_samples, BATCH):
+            n = min(BATCH, n_samples - first)
+            forces = scratch.zeros((height, width, n), np.float32)
+            chance.surface_forces(kb, km, top, left, first, 0, height, forces)
+            self._blocks.pull(top, left, first, forces)
+            for k in range(n):
+                evidence.right[:] = forces[:, :, k]
+                z, _ = solve(evidence, self.springs, tol=tol, hierarchy=hierarchy)
+                total += z[pad : pad + grid.height, pad : pad + grid.width] ** 2
+                scratch.free(z)
+            scratch.free(forces)
+        hierarchy.free()
+        evidence.free()
+        unit = self.sigma_point * math.sqrt(self.springs.weight)
+        return np.asarray(unit * np.sqrt(total / n_samples), np.float64)
 
     @property
     def bounds(self) -> Bounds | None:

@@ -60,7 +60,7 @@ def solve(
     *,
     tol: float = 1e-4,
     start: F64 | None = None,
-    max_iterations: int = 100,
+    max_iterations: int | None = None,
     consume: bool = False,
     hierarchy: Hierarchy | None = None,
     progress: Progress = no_progress,
@@ -80,8 +80,8 @@ def solve(
         A relative residual would hide errors that grow with the size of the grid.
     start : (h, w) array of float64, optional
         Heights to start from (a former solve); a full-multigrid pass otherwise.
-    max_iterations : int
-        Give up after so many; `SolveInfo.converged` tells.
+    max_iterations : int, optional
+        Give up after so many, `SolveInfo.converged` tells; 100 by default, 400 with cuts.
     consume : bool
         Free the evidence on the way, to save memory.
     hierarchy : Hierarchy, optional
@@ -106,6 +106,9 @@ def solve(
     where arrays live. The V-cycle is float32; heights, residuals and directions are float64.
     The last preconditioned residual, an estimate of the error, is added in the end.
     """
+    limit = max_iterations
+    if limit is None:
+        limit = 100 if cuts is None else 400
     scratch = evidence.scratch
     is_lent = hierarchy is not None
     if hierarchy is None:
@@ -119,7 +122,7 @@ def solve(
     while True:
         dot, rest, largest = work.precondition()
         progress(iterations, max(8, iterations + 1))
-        if not largest >= tol or iterations == max_iterations:
+        if not largest >= tol or iterations == limit:
             break
         work.turn(dot / before if iterations else 0.0)
         curvature = work.product(springs)

@@ -21,15 +21,13 @@ STRIP_CELLS = 1 << 17
 """Nodes that a loop handles between two chances for file-backed rows to leave RAM."""
 
 RHO = 0.02
-"""Default bending stiffness: ``kb c^2 / w = RHO s^2``, s the mean spacing of the points."""
+"""Bending stiffness of a single net: ``kb c^2 / w = RHO s^2``, s the mean spacing of the points."""
 
 ELL = 3.0
-"""Default length beyond which tension rules over bending, in mean point spacings.
+"""Length beyond which tension rules over bending in a single net, in mean point spacings.
 
-RHO and ELL keep the tension of ``RHO = 0.05, ELL = 5`` (``km / w = 0.002``) with less bending. RMSE
-against a linear TIN, geometric mean of 15 tiles at random hold-out and in gaps of 10 and 20 m:
-0.950 / 0.876 / 0.881, with the other pair 0.959 / 0.864 / 0.853. At random hold-out, 0.5 m cells,
-this pair is below the TIN on each tile that the DEM's own test looks at; the other is not.
+For what needs one system, and for the part of --k-surface and --ell that is not given. A DEM's
+default is the sum of nets of `volatool.emap.tuning`, which has less error in gaps.
 """
 
 
@@ -95,7 +93,7 @@ class Springs:
         ell: float | None = None,
     ) -> Springs:
         """
-        Return the recommended springs: bending, a little tension, bilinear attachment.
+        Return the springs of a single net: bending, a little tension, bilinear attachment.
 
         Parameters
         ----------
@@ -212,6 +210,33 @@ class Evidence:
         for start, stop in strips(*self.shape):
             self.data[start:stop, 0] += stiffness
             self.scratch.relax(self.data, start, stop)
+
+    def subtract(self, z: F64, tether: float = 0.0) -> None:
+        """
+        Take heights off those of the points: ``right -= data z``.
+
+        Parameters
+        ----------
+        z : (h, w) array of float64
+            Heights of the nodes, in the evidence's scratch.
+        tether : float
+            Of the springs that `tether` added: they don't say where points are.
+
+        Notes
+        -----
+        The same as adding the points anew with their heights above this surface, without a look
+        at the points.
+        """
+        from volatool.kernels import spring
+
+        product: F64 = self.scratch.zeros(self.shape, np.float64)
+        dots = np.empty(len(z))
+        for start, stop in strips(*self.shape):
+            spring.apply_rows(self.data, z, 0.0, 0.0, start, stop, product, dots, None)
+            self.right[start:stop] -= product[start:stop] - tether * z[start:stop]
+            for array in (self.data, z, product, self.right):
+                self.scratch.relax(array, start, stop)
+        self.scratch.free(product)
 
     def __iadd__(self, other: Evidence) -> Evidence:
         self.data += other.data

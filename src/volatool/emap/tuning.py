@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from volatool.emap.system import Springs
 from volatool.errors import OptionError
 
-LAYERS = ((5.0, 20.0, 0.0), (0.01, 1.0, 1.2))
+LAYERS = ((2.0, 20.0, 0.0), (0.02, 1.5, 1.1))
 """The nets of the default: bending stiffness in squared spacings, length of tension and of tether
 in spacings (0: no tether).
 

@@ -213,7 +213,7 @@ def cut_coarsen_data(data, edges, coarse_edges, stiffness, coarse, start, stop):
     start, stop : int
         Rows of the fine grid.
     """
-    h, _, w = data.shape
+    w = data.shape[2]
     for r in range(start, stop):
         for q in range(w):
             own = data[r, 0, q]

@@ -29,7 +29,8 @@ def crossed(segments, k, axis, n_lines, n_edges, out):
     n_lines, n_edges : int
         Rows and columns minus one for axis 0; columns and rows minus one for axis 1.
     out : (m, 2) array of int64
-        Set to (line, edge on it); m is at least the number of node lines between the ends.
+        Set to (line, edge on it, or -1 for all before the first); m is at least the number of node
+        lines between the ends.
 
     Returns
     -------
@@ -52,9 +53,9 @@ def crossed(segments, k, axis, n_lines, n_edges, out):
     for line in range(first, last + 1):
         y = line * UNITS + HALF
         at = ((ax - HALF) * dy + (y - ay) * dx - tie) // (dy * UNITS)
-        if 0 <= at < n_edges:
+        if at < n_edges:
             out[n, 0] = line
-            out[n, 1] = at
+            out[n, 1] = max(at, -1)
             n += 1
     return n
 
@@ -75,9 +76,11 @@ def cut_edges(segments, edges):
     out = np.empty((max(h, w), 2), np.int64)
     for k in range(len(segments)):
         for i in range(crossed(segments, k, 0, h, w - 1, out)):
-            edges[out[i, 0], 0, out[i, 1]] = 0.0
+            if out[i, 1] >= 0:
+                edges[out[i, 0], 0, out[i, 1]] = 0.0
         for i in range(crossed(segments, k, 1, w, h - 1, out)):
-            edges[out[i, 1], 1, out[i, 0]] = 0.0
+            if out[i, 1] >= 0:
+                edges[out[i, 1], 1, out[i, 0]] = 0.0
 
 
 @kernel
@@ -94,7 +97,7 @@ def fill_rings(segments, top, left, value, labels):
     value : int
         Label.
     labels : (h, w) array of int32
-        Window of a grid, set where enclosed. No ring may reach beyond its left.
+        Window of a grid, set where enclosed.
 
     Returns
     -------
@@ -106,7 +109,7 @@ def fill_rings(segments, top, left, value, labels):
     moved = segments - np.array([left, top, left, top]) * UNITS
     out = np.empty((h, 2), np.int64)
     for k in range(len(moved)):
-        # one more column each side: what lies left of the window counts, right of it does not
+        # what lies left of the window counts, right of it does not
         for i in range(crossed(moved, k, 0, h, w, out)):
             if out[i, 1] + 1 < w:
                 toggles[out[i, 0], out[i, 1] + 1] ^= True
@@ -219,9 +222,28 @@ def is_between(ax, ay, bx, by, px, py, nx, ny):
 
 
 @kernel
+def is_hidden(px, py, nx, ny, number, starts, members, segments):
+    """
+    Whether any of a quad's segments separates two places.
+
+    Parameters
+    ----------
+    px, py, nx, ny : int64
+        Places.
+    number, starts, members, segments
+        The quad's number and the tables of `attach`.
+    """
+    for m in range(starts[number - 1], starts[number]):
+        ax, ay, bx, by = segments[members[m]]
+        if is_between(ax, ay, bx, by, px, py, nx, ny):
+            return True
+    return False
+
+
+@kernel
 def attach(x, y, h, w, nearest, quads, starts, members, segments, weights):
     """
-    Nodes that a point pulls on: of the four about it those that it sees.
+    Nodes that a point pulls on: of the four about it those on its own side of all lines.
 
     Parameters
     ----------
@@ -258,24 +280,25 @@ def attach(x, y, h, w, nearest, quads, starts, members, segments, weights):
     number = quads[r, q]
     if number > 0:
         px, py = np.int64(np.rint(x * UNITS)), np.int64(np.rint(y * UNITS))
-        total = 0.0
-        n_seen = 0
+        best = -1
         for k in range(4):
             nx, ny = (q + k % 2) * UNITS + HALF, (r + k // 2) * UNITS + HALF
-            is_seen = True
-            for m in range(starts[number - 1], starts[number]):
-                ax, ay, bx, by = segments[members[m]]
-                if is_between(ax, ay, bx, by, px, py, nx, ny):
-                    is_seen = False
-                    break
-            if is_seen:
-                n_seen += 1
-                weights[k] += 1e-6  # a node may be seen and have no weight
-                total += weights[k]
-            else:
+            if is_hidden(px, py, nx, ny, number, starts, members, segments):
                 weights[k] = 0.0
-        if n_seen == 0:
+            else:
+                weights[k] += 1e-6  # a node may be seen and have no weight
+                if best < 0 or weights[k] > weights[best]:
+                    best = k
+        if best < 0:
             return np.int64(-1), q
+        # of what the point sees, only what the nearest of them sees too: they hang together
+        px, py = (q + best % 2) * UNITS + HALF, (r + best // 2) * UNITS + HALF
+        total = 0.0
+        for k in range(4):
+            nx, ny = (q + k % 2) * UNITS + HALF, (r + k // 2) * UNITS + HALF
+            if k != best and is_hidden(px, py, nx, ny, number, starts, members, segments):
+                weights[k] = 0.0
+            total += weights[k]
         for k in range(4):
             weights[k] /= total
     if nearest:

@@ -11,6 +11,10 @@ matrix and a right side, and can be weakened by itself without touching that of 
 import numpy as np
 
 from volatool.kernels._jit import kernel
+from volatool.kernels.chance import hash_three
+
+SALT = 41
+"""Tells the signs of quads from those of points and surface springs."""
 
 SIZE = 14
 """Numbers of a quad."""
@@ -172,3 +176,78 @@ def gather(quads, factor, left, top, data, right):
                         own += coupling
                 data[row, 0, col] += factor * own
                 right[row, col] += factor * quad[10 + a]
+
+
+@kernel
+def pull(quads, factor, left, top, world_left, world_top, first, forces):
+    """
+    Add random forces whose covariance is that of `gather`'s stencil, one for each sample.
+
+    Parameters
+    ----------
+    quads : (n, n, 14) array of float64
+        Evidence of the block.
+    factor : float
+        On all of it.
+    left, top : int
+        Column and row of the block's first quad in the window.
+    world_left, world_top : int
+        The same in the world: windows that overlap agree on the signs.
+    first : int
+        Number of the first sample.
+    forces : (h, w, m) array of float32
+        Of samples ``first .. first + m``, added to; at most 64 in all.
+
+    Notes
+    -----
+    A quad's 4 x 4 matrix is ``L L^T`` (Cholesky, semi-definite: a direction without stiffness gets
+    no force), and ``L e`` with four signs e has it as covariance. The points themselves are gone.
+    """
+    h, w, n_samples = forces.shape
+    n = quads.shape[0]
+    root = np.empty((4, 4))
+    for i in range(max(0, -1 - top), min(n, h - top)):
+        for j in range(max(0, -1 - left), min(n, w - left)):
+            quad = quads[i, j]
+            if not quad[0] + quad[1] + quad[2] + quad[3] > 0.0:
+                continue
+            rows = (top + i, top + i, top + i + 1, top + i + 1)
+            cols = (left + j, left + j + 1, left + j, left + j + 1)
+            root[:] = 0.0
+            for a in range(4):
+                if not (0 <= rows[a] < h and 0 <= cols[a] < w):
+                    continue
+                root[a, a] += quad[a]
+                for b in range(4):
+                    if b == a:
+                        continue
+                    coupling = quad[COUPLING[a][b]]
+                    if 0 <= rows[b] < h and 0 <= cols[b] < w:
+                        root[a, b] = coupling
+                    else:
+                        root[a, a] += coupling
+            for k in range(4):
+                limit = 1e-12 * root[k, k]
+                for b in range(k):
+                    root[k, k] -= root[k, b] * root[k, b]
+                if not root[k, k] > limit:
+                    root[k:, k] = 0.0
+                    continue
+                root[k, k] = np.sqrt(root[k, k])
+                for a in range(k + 1, 4):
+                    for b in range(k):
+                        root[a, k] -= root[a, b] * root[k, b]
+                    root[a, k] /= root[k, k]
+            for k in range(4):
+                if root[k, k] == 0.0:
+                    continue
+                bits = hash_three(world_top + i, world_left + j, k, SALT)
+                for a in range(k, 4):
+                    force = np.float32(np.sqrt(factor) * root[a, k])
+                    if force != 0.0:
+                        node = forces[rows[a], cols[a]]
+                        for sample in range(n_samples):
+                            if (bits >> np.uint64(first + sample)) & np.uint64(1):
+                                node[sample] += force
+                            else:
+                                node[sample] -= force

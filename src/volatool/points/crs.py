@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import warnings as python_warnings
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, TypeAlias
 
@@ -14,7 +15,7 @@ from pyproj.exceptions import CRSError as ForeignCRSError
 from pyproj.exceptions import ProjError
 
 from volatool.errors import CRSError
-from volatool.model import Bounds, CrsInfo
+from volatool.model import F64, Bounds, CrsInfo
 from volatool.points.units import linear_unit
 
 CrsLike: TypeAlias = str | CrsInfo | None
@@ -179,6 +180,62 @@ def latlon(crs: CrsInfo, x: float, y: float) -> tuple[float, float] | None:
     if not (math.isfinite(lat) and math.isfinite(lon)) or abs(lat) > 90:
         return None
     return float(lat), float(lon)
+
+
+@dataclass(frozen=True, slots=True)
+class Mover:
+    """
+    Moves places from one CRS into another.
+
+    Parameters
+    ----------
+    transformer : pyproj.Transformer
+        x, y order on both sides.
+    is_from_degrees : bool
+        The coordinates given are longitude and latitude.
+    """
+
+    transformer: pyproj.Transformer
+    is_from_degrees: bool
+
+    def __call__(self, x: F64, y: F64) -> tuple[F64, F64]:
+        """Return x, y in the other CRS; infinite where there is no such place."""
+        moved = self.transformer.transform(x, y)
+        return moved[0], moved[1]
+
+
+def mover(text: str, to: CrsInfo) -> Mover | None:
+    """
+    Return what moves places into a CRS, horizontally.
+
+    Parameters
+    ----------
+    text : str
+        CRS of the places: WKT, PROJ JSON or a code.
+    to : CrsInfo
+        With a CRS.
+
+    Returns
+    -------
+    mover : Mover or None
+        None if they are the same.
+
+    Raises
+    ------
+    CRSError
+        ``E_CRS``: one of them is not understood.
+    """
+    try:
+        source, _ = split(pyproj.CRS.from_user_input(text))
+        target, _ = split(pyproj.CRS.from_wkt(to.wkt2 or ""))
+        if source.equals(target, ignore_axis_order=True):
+            return None
+        transformer = pyproj.Transformer.from_crs(source, target, always_xy=True)
+    except (ForeignCRSError, ProjError) as error:
+        raise CRSError(
+            f"can't move places from {text[:60]!r} to {to.horizontal}: {error}"
+        ) from error
+    return Mover(transformer, bool(source.is_geographic))
 
 
 def _wkt2(crs: pyproj.CRS) -> str | None:
