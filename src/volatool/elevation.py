@@ -253,6 +253,7 @@ def dem_of(
         preset=options.preset,
         grid=grid,
         barriers=barriers,
+        robust=options.robust,
         with_noise="sigma" in options.layers or options.holdout is not None,
     )
     logger.info(

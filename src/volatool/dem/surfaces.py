@@ -174,6 +174,7 @@ def make_dem(
     grid: Grid | None = None,
     barriers: Barriers | None = None,
     with_noise: bool = False,
+    robust: bool = False,
 ) -> Dem:
     """
     Make a DEM.
@@ -209,6 +210,8 @@ def make_dem(
         Break lines and water; not for plain baselines.
     with_noise : bool
         Tell the points' noise by blocks, for standard errors: costs as much again as the surface.
+    robust : bool
+        Find the points that lie far off all others and let them hardly count.
 
     Returns
     -------
@@ -256,7 +259,16 @@ def make_dem(
         from volatool.dem.barriers import place
 
         placed = place(barriers, outer, points, s, scratch)
-    z, solver = fit(points, outer, tuned, dem, tol, progress, placed)
+    trusted = None
+    if robust:
+        from volatool.dem.robust import find_far_off
+
+        unit = float(crs.metres_per_unit_z or 1)
+        trusted = find_far_off(points, outer, tuned.springs, unit, scratch)
+    z, solver = fit(points, outer, tuned, dem, tol, progress, placed, trusted)
+    if trusted is not None:
+        solver["robust"] = trusted.to_dict()
+        scratch.free(trusted.z)
     if with_noise:
         freedom = answer(points, outer, tuned, scratch)
         block = max(1, round(NOISE_BLOCK * s / grid.cell))
