@@ -17,6 +17,7 @@ from typing import Any
 
 import laspy
 import numpy as np
+from chance import between, normal
 from forest import Forest
 from laspy.header import GpsTimeType
 from scanner import Flight, Returns, estimate, scan
@@ -217,6 +218,34 @@ def write_lake(path: Path) -> int:
     return len(places)
 
 
+def checkpoints(path: Path, n: int = 48) -> None:
+    """
+    Write checkpoints of the town: its terrain in the open, surveyed to 2 cm.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        CSV with id, easting, northing, elevation.
+    n : int
+        How many; places on roofs, under trees and on the lake are passed over.
+    """
+    sample = SAMPLES["town"]
+    town = sample.scene(sample.flight.width, sample.flight.height)
+    number = np.arange(20 * n)
+    u = between(5, sample.flight.width - 5, 71, number)
+    v = between(5, sample.flight.height - 5, 72, number)
+    ground = town.terrain(u, v)
+    found = town.surface(u, v, np.zeros(len(u), bool))
+    crown, *_ = town.trees.crowns(u, v)
+    is_open = (found.code == 2) & ~(town.roof(u, v) > ground) & ~(crown > ground)
+    lines = ["id,easting,northing,elevation"]
+    heights = found.height + 0.02 * normal(73, number)
+    for k in np.flatnonzero(is_open)[:n]:
+        x, y = sample.corner[0] + u[k], sample.corner[1] + v[k]
+        lines.append(f"CP{len(lines):02d},{x:.3f},{y:.3f},{heights[k]:.3f}")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Run from the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -235,6 +264,7 @@ def main(arguments: list[str] | None = None) -> None:
     if options.kind is None:
         path = HERE / "town-lake.geojson"
         print(f"{path.name}: {write_lake(path)} corners, {path.stat().st_size} bytes")
+        checkpoints(HERE / "town-checkpoints.csv")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,13 @@ from pathlib import Path
 import pytest
 
 TOP = Path(__file__).resolve().parents[1]
-PAGES = ["docs/tutorial.md", "docs/how-to/many-tiles.md", "docs/how-to/dem.md"]
+PAGES = [
+    "docs/tutorial.md",
+    "docs/how-to/many-tiles.md",
+    "docs/how-to/dem.md",
+    "docs/how-to/uncertainty.md",
+    "docs/how-to/check-accuracy.md",
+]
 
 
 def blocks(page, language):

@@ -197,9 +197,6 @@ dem = group(
     ),
     click.option("--k-point", type=float, metavar="K", help="Stiffness of the point springs."),
     click.option(
-        "--ell", type=LengthType(), help="Longer waves feel tension, shorter ones bending."
-    ),
-    click.option(
         "--tol",
         type=LengthType(),
         default="0.1mm",

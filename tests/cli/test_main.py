@@ -8,12 +8,15 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import click
 import pytest
 from making_scans import npy_bytes, pcd_bytes, scan
 
 from volatool_cli.main import cli
+
+CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-checkpoints.csv"
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
@@ -71,6 +74,11 @@ def test_the_examples_of_the_help_run(name, volatool):
     (folder / "tile.laz").symlink_to(folder / "forest.laz")
     (folder / "tiles").mkdir()
     (folder / "tiles" / "one.laz").symlink_to(folder / "forest.laz")
+    if name == "check":
+        assert volatool("dem", "town.laz", "-q", "--layers", "flag").returncode == 0
+        for suffix in (".dem.tif", ".dem.flag.tif"):
+            (folder / f"town{suffix}").rename(folder / f"tile{suffix}")
+        (folder / "checkpoints.csv").symlink_to(CHECKPOINTS)
     if name in ("info", "validate", "stats", "dem"):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():

@@ -2,7 +2,7 @@
 
 The error of a checkpoint is the DEM's height at its place, bilinear between cell centres, minus the
 surveyed height. ``RMSE_V1`` is the root mean square of these errors, ``RMSE_V2`` the checkpoints'
-own; the DEM's is reported as ``RMSE_V = sqrt(RMSE_V1^2 + RMSE_V2^2)`` [asprs2023]_. Non-vegetated
+own; the DEM's is reported as ``RMSE_V = sqrt(RMSE_V1^2 + RMSE_V2^2)`` [ASPRS2023]. Non-vegetated
 points (NVA) may be held against a requirement, vegetated ones (VVA) are only reported. Fewer than
 30 points are shown, but not reportable.
 """

@@ -386,7 +386,8 @@ def class_factors(ratios: F64, distance: F64, blocks: NDArray[np.int64]) -> tupl
     Returns
     -------
     factors : tuple of 5 float
-        Of `MIDDLES`; a class of too few points has its neighbours' (1 when all have too few).
+        Of `MIDDLES`; a class of too few points has its neighbours' (1 when all have too few), but
+        none below 1 beyond the last one that has enough.
     """
     number = np.searchsorted(CLASSES, distance, side="right")
     known, values = [], []
@@ -400,8 +401,11 @@ def class_factors(ratios: F64, distance: F64, blocks: NDArray[np.int64]) -> tupl
             values.append(value if value > 0 else value * n_blocks / (n_blocks + DOUBT))
     if not known:
         return (1.0,) * len(MIDDLES)
-    found = np.exp(np.interp(np.log(MIDDLES), known, values))
-    return tuple(float(value) for value in found)
+    logs = np.interp(np.log(MIDDLES), known, values)
+    # farther than any held-out point, nothing speaks for intervals narrower than the model's
+    far = np.log(MIDDLES) > known[-1]
+    logs[far] = np.maximum(logs[far], 0.0)
+    return tuple(float(value) for value in np.exp(logs))
 
 
 def sigma_layer(

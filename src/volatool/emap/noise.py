@@ -169,7 +169,7 @@ def measure(
     Return the noise from a surface and the `answer` to signs.
 
     Degrees of freedom by one random vector of signs v over the points: ``v . S v``, with S v the
-    surface's answer at the points [hutchinson1990]_.
+    surface's answer at the points [Hutchinson1990].
 
     Parameters
     ----------

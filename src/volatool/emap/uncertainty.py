@@ -88,7 +88,7 @@ def samples(
 
     Notes
     -----
-    Perturb-and-MAP [papandreou2010]_, with signs in place of normal numbers (`kernels.chance`).
+    Perturb-and-MAP [Papandreou2010], with signs in place of normal numbers (`kernels.chance`).
     The same bytes whatever the chunks, windows and order of the loops, but for the order in which
     forces of points that share a node are summed.
     """
