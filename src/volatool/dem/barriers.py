@@ -179,11 +179,14 @@ def place(
     ends = _segments(barriers.lines, outer) if barriers.lines else np.empty((0, 4))
     cuts = Cuts.along(Lines.place(ends, shape, scratch)) if len(ends) else None
     lakes: NDArray[np.int32] = scratch.zeros(shape, np.int32)
-    inside = [
-        (lake, n)
-        for k, lake in enumerate(barriers.lakes)
-        if (n := _fill(lake, outer, k + 1, lakes))
-    ]
+    for k, lake in enumerate(barriers.lakes):
+        _fill(lake, outer, k + 1, lakes)
+    n_cells = np.zeros(len(barriers.lakes) + 1, np.int64)
+    for start, stop in strips(outer.height - 2, outer.width - 2):
+        part = lakes[start + 1 : stop + 1, 1:-1]
+        n_cells += np.bincount(part.ravel(), minlength=len(n_cells))
+        scratch.relax(lakes, start + 1, stop + 1)
+    inside = [(lake, int(n)) for lake, n in zip(barriers.lakes, n_cells[1:], strict=True) if n]
     numbers = {id(lake): k + 1 for k, lake in enumerate(barriers.lakes)}
     levels = np.full(len(barriers.lakes), np.nan)
     n_shore = np.zeros(len(barriers.lakes), np.int64)
@@ -200,7 +203,7 @@ def place(
         unknown = [number for number in unknown if math.isnan(levels[number - 1])]
         width *= 3
     documents = []
-    for lake, n_cells in inside:
+    for lake, n_of_lake in inside:
         k = numbers[id(lake)] - 1
         if lake.level is not None:
             levels[k] = lake.level
@@ -209,7 +212,7 @@ def place(
                 "level": None if math.isnan(levels[k]) else float(levels[k]),
                 "source": "file" if lake.level is not None else "shore",
                 "points": int(n_shore[k]),
-                "cells": n_cells,
+                "cells": n_of_lake,
             }
         )
     warnings = list(barriers.warnings)
@@ -221,6 +224,14 @@ def place(
                 f"{n_dry} lakes have no ground near their shore to tell a level from: left void; "
                 "give it in a field 'level' of the water file",
                 n_dry,
+            )
+        )
+    if not inside and not len(ends):
+        warnings.append(
+            CodedWarning(
+                "W_VECTOR_OUTSIDE",
+                "nothing of the break lines and water lies in the tile: the model is the one "
+                "without them",
             )
         )
     document = {
@@ -242,16 +253,25 @@ def _segments(shapes: tuple[Any, ...], outer: Grid) -> F64:
     near = shapely.clip_by_rect(
         np.array(shapes, object), left - rim, bottom - rim, right + rim, top + rim
     )
-    parts = shapely.get_parts(shapely.get_parts(near))
+    return _sides(near, outer)
+
+
+def _sides(shapes: Any, outer: Grid) -> F64:
+    """Return the segments of lines as (n, 4) col, row of both ends in cells."""
+    import shapely
+
+    parts = shapely.get_parts(shapely.get_parts(shapes))
     parts = parts[shapely.get_dimensions(parts) == 1]
+    box = outer.bounds
+    left, top = box.left, box.top
     xy, part = shapely.get_coordinates(parts, return_index=True)
     places = np.column_stack([(xy[:, 0] - left) / outer.cell, (top - xy[:, 1]) / outer.cell])
     joined = part[1:] == part[:-1]
     return np.hstack([places[:-1][joined], places[1:][joined]])
 
 
-def _fill(lake: Lake, outer: Grid, number: int, lakes: NDArray[np.int32]) -> int:
-    """Set the nodes inside a lake to its number; return how many."""
+def _fill(lake: Lake, outer: Grid, number: int, lakes: NDArray[np.int32]) -> None:
+    """Set the nodes inside a lake to its number."""
     import shapely
 
     from volatool.kernels.lines import fill_rings
@@ -263,8 +283,8 @@ def _fill(lake: Lake, outer: Grid, number: int, lakes: NDArray[np.int32]) -> int
         lake.polygon, shapely.box(left - rim, bottom - rim, right + rim, top + rim)
     )
     if near.is_empty or shapely.get_dimensions(near) != 2:
-        return 0
-    ends = _segments((outline(near),), outer)
+        return
+    ends = _sides(outline(near), outer)
     cols, rows = ends[:, [0, 2]], ends[:, [1, 3]]
     # a window that begins left of the lake, so that every way into it is seen
     first_row, first_col = math.floor(rows.min()) - 1, math.floor(cols.min()) - 1
@@ -276,7 +296,6 @@ def _fill(lake: Lake, outer: Grid, number: int, lakes: NDArray[np.int32]) -> int
     part = part[: lakes.shape[0] - low_row, : lakes.shape[1] - low_col]
     target = lakes[low_row : low_row + part.shape[0], low_col : low_col + part.shape[1]]
     target[part > 0] = number
-    return int(np.count_nonzero(part))
 
 
 def _shore_heights(

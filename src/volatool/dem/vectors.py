@@ -74,7 +74,7 @@ def read_barriers(breaklines: str | None, water: str | None, crs: CrsInfo) -> Ba
     water : str or None
         Path of polygons. A lake gets one level: the mean height of its 3-D outline, or a number in
         one of `LEVEL_FIELDS`, or else what the ground along its shore says. A polygon whose type
-        field holds one of `RIVERS` is only cut off at its banks, as lines are.
+        field holds one of `RIVERS`, and a line, is only cut along, as break lines are.
     crs : CrsInfo
         Of the tile; a layer in another one is reprojected.
 
