@@ -137,7 +137,7 @@ def _evidence(
     """Sum the springs of the points and set the DEM's counts."""
     from volatool.kernels import binning
 
-    lines = None if barriers is None else barriers.cuts.lines
+    lines = None if barriers is None else barriers.lines
     evidence = Evidence(outer.height, outer.width, dem.scratch)
     zero = stored_zero(points)
     for first, last in evidence.windows():
@@ -187,7 +187,7 @@ def sum_of_squares(
     barriers: Placed | None = None,
 ) -> float:
     """Return the sum of the squares of point minus surface."""
-    lines = None if barriers is None else barriers.cuts.lines
+    lines = None if barriers is None else barriers.lines
     zero = stored_zero(points)
     sums: list[float] = []
     cells = 4 * STRIP_CELLS if scratch.spilled_bytes else outer.height * outer.width
