@@ -239,6 +239,9 @@ dem = group(
     ),
     click.option("--like", metavar="REF.tif", help="Cells, corner and extent of a raster."),
     click.option(
+        "--robust", is_flag=True, help="Points far off the surface of the others hardly count."
+    ),
+    click.option(
         "--breaklines",
         metavar="FILE",
         help="Lines (GeoJSON, GeoPackage, ...) that the surface may break along.",

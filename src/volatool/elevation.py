@@ -149,12 +149,19 @@ def solver_warnings(dem: Dem) -> list[CodedWarning]:
     """Say what came up while the model was made, and when the solver gave up short of --tol."""
     if dem.solver.get("converged", True):
         return list(dem.notes)
+    hint = (
+        "there are too many break lines for the cells: simplify them, and give lakes as polygons "
+        "to --water"
+        if dem.barriers is not None and dem.barriers["cut_edges"]
+        else "the surface is too soft or too stiff for the points: leave out --k-surface and "
+        "--k-point"
+    )
     return [
         *dem.notes,
         CodedWarning(
             "W_NOT_CONVERGED",
-            f"the solver stopped after {dem.solver['iterations']} iterations short of --tol; the "
-            "surface is too soft or too stiff for the points: leave out --k-surface and --k-point",
+            f"the solver stopped after {dem.solver['iterations']} iterations short of --tol; "
+            + hint,
         ),
     ]
 
@@ -253,6 +260,7 @@ def dem_of(
         preset=options.preset,
         grid=grid,
         barriers=barriers,
+        robust=options.robust,
         with_noise="sigma" in options.layers or options.holdout is not None,
     )
     logger.info(

@@ -115,6 +115,8 @@ class ConvertOptions:
         A GeoTIFF whose cells and extent the elevation model gets.
     params_from : str, optional
         A file of reports, for the cell and stiffness of a whole set.
+    robust : bool
+        Points that lie far off the surface of the others hardly count.
     breaklines, water : str, optional
         Vector files: lines that no spring crosses; lakes and rivers.
     preview : bool
@@ -174,6 +176,7 @@ class ConvertOptions:
     buffer: Length | None = None
     like: str | None = None
     params_from: str | None = None
+    robust: bool = False
     breaklines: str | None = None
     water: str | None = None
     preview: bool = False
@@ -215,8 +218,8 @@ class ConvertOptions:
         if self.compat == "toolkit":
             self._check_toolkit()
         self._check_seams()
-        for name in ("breaklines", "water"):
-            if getattr(self, name) is not None and self.surface not in ("auto", "dtm", "dsm"):
+        for name in ("breaklines", "water", "robust"):
+            if getattr(self, name) and self.surface not in ("auto", "dtm", "dsm"):
                 raise OptionError(f"--{name} is for EMap surfaces, not --surface {self.surface}")
 
     def _check_seams(self) -> None:

@@ -119,6 +119,61 @@ def test_a_lake_has_the_level_that_its_file_says(tmp_path, properties, lift):
     assert (dem.z[30:40, 20:30] == 97.5).all()
 
 
+def test_points_in_a_lake_are_not_used(tmp_path):
+    """Boats and divers on the water: the ground about it is as if they were not there."""
+    rng = np.random.default_rng(3)
+    x, y = np.round(rng.uniform(0, SIZE, (2, 4000)), 2)
+    wet = (x >= 20) & (x < 40) & (y > 20) & (y <= 40)
+    z = np.where(wet, rng.choice([-40.0, 60.0], len(x)), 3.0)
+    name = layer(tmp_path / "lake.geojson", ("Polygon", square(20, 20, 20), {"level": 1}))
+    barriers = read_barriers(None, name, PLAIN)
+    dem = make_dem(ground(x, y, z), PLAIN, 1.0, barriers=barriers)
+    lake = np.zeros(dem.z.shape, bool)
+    lake[20:40, 20:40] = True
+    assert (dem.z[lake] == 1).all()
+    assert np.abs(dem.z[~lake] - 3).max() < 1e-3
+    assert dem.residual_rmse < 1e-3
+    assert (dem.flag[lake] == 2).all()
+    assert not dem.count[lake].any()
+    assert dem.count.sum() == np.count_nonzero(~wet)
+
+
+def test_a_tile_under_water_is_level(tmp_path):
+    """All points in the lake: nothing else to make a surface of."""
+    name = layer(tmp_path / "lake.geojson", ("Polygon", square(-10, -10, 90), {"level": 1}))
+    dem = make_dem(quay(), PLAIN, 1.0, barriers=read_barriers(None, name, PLAIN))
+    assert (dem.z == 1).all()
+    assert (dem.flag == 2).all()
+
+
+@pytest.mark.parametrize("left", [-20.2, 39.8])
+@pytest.mark.parametrize("bottom", [-20.2, 39.8])
+def test_a_lake_may_go_on_beyond_the_tile(tmp_path, left, bottom):
+    """Over each edge: the cells inside are the lake's, no others."""
+    ring = square(left, bottom, 40.4)
+    name = layer(tmp_path / "lake.geojson", ("Polygon", ring, {"level": 1}))
+    dem = make_dem(quay(), PLAIN, 1.0, barriers=read_barriers(None, name, PLAIN))
+    middle = np.arange(60) + 0.5
+    cols, rows = (middle > left) & (middle < left + 40.4), middle[::-1]
+    rows = (rows > bottom) & (rows < bottom + 40.4)
+    np.testing.assert_array_equal(dem.z == 1, rows[:, None] & cols)
+    assert dem.barriers["lakes"][0]["cells"] == rows.sum() * cols.sum()
+
+
+def test_a_long_shore_does_not_slow_the_solver(tmp_path):
+    """Docks like the teeth of a comb: as many iterations as without them, and the tolerance met."""
+    teeth = [[2.3, 2.3], [2.3, 57.6]]
+    for k in range(2, 56, 4):
+        teeth += [[k + 0.4, 57.6], [k + 0.4, 5.4], [k + 2.4, 5.4], [k + 2.4, 57.6]]
+    ring = [*teeth, [58.7, 57.6], [58.7, 2.3], [2.3, 2.3]]
+    name = layer(tmp_path / "docks.geojson", ("Polygon", [ring], {}))
+    plain = make_dem(quay(), PLAIN, 0.5)
+    dem = make_dem(quay(), PLAIN, 0.5, barriers=read_barriers(None, name, PLAIN))
+    assert dem.barriers["cut_edges"] == 0
+    assert dem.solver["converged"]
+    assert dem.solver["iterations"] <= plain.solver["iterations"] + 2
+
+
 def test_a_river_only_breaks_at_its_banks(tmp_path):
     name = layer(
         tmp_path / "river.geojson", ("Polygon", square(30.3, -10, 80), {"waterway": "river"})
@@ -195,3 +250,4 @@ def test_lines_far_off_and_crossed_rings_do_no_harm(tmp_path):
     only = layer(tmp_path / "far.geojson", far)
     none = make_dem(quay(), PLAIN, 1.0, barriers=read_barriers(only, None, PLAIN))
     assert none.barriers["cut_edges"] == 0
+    assert [note.code for note in none.notes] == ["W_VECTOR_CRS", "W_VECTOR_OUTSIDE"]

@@ -20,6 +20,7 @@ from volatool.scratch import Scratch
 
 if TYPE_CHECKING:
     from volatool.dem.barriers import Placed
+    from volatool.dem.robust import Robust
     from volatool.dem.surfaces import Dem
     from volatool.emap.lines import Lines
 
@@ -32,6 +33,7 @@ def fit(
     tol: float,
     progress: Progress,
     barriers: Placed | None = None,
+    robust: Robust | None = None,
 ) -> tuple[F64, dict[str, Any]]:
     """
     Solve net after net.
@@ -52,6 +54,8 @@ def fit(
         Told the iterations.
     barriers : Placed, optional
         What no spring crosses.
+    robust : Robust, optional
+        Tells which points hardly count.
 
     Returns
     -------
@@ -67,7 +71,7 @@ def fit(
         before = sum(info.iterations for info in infos)
         progress(before + done, before + of * (len(tuned.nets) - len(infos)))
 
-    evidence = _evidence(points, outer, tuned.springs, dem, barriers)
+    evidence = _evidence(points, outer, tuned.springs, dem, barriers, robust)
     if barriers is not None:
         barriers.hold(evidence, tuned.springs.weight)
     tether = 0.0
@@ -123,19 +127,25 @@ def _describe(net: Net, cell: float) -> dict[str, float | None]:
 
 
 def _evidence(
-    points: SurfacePoints, outer: Grid, springs: Springs, dem: Dem, barriers: Placed | None
+    points: SurfacePoints,
+    outer: Grid,
+    springs: Springs,
+    dem: Dem,
+    barriers: Placed | None,
+    robust: Robust | None,
 ) -> Evidence:
     """Sum the springs of the points and set the DEM's counts."""
     from volatool.kernels import binning
 
-    lines = None if barriers is None else barriers.cuts.lines
+    lines = None if barriers is None else barriers.lines
     evidence = Evidence(outer.height, outer.width, dem.scratch)
     zero = stored_zero(points)
     for first, last in evidence.windows():
         for rows in points.pieces():
             col, row = outer.places(rows, points.scale, points.offset)
             heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
-            evidence.add(col, row, heights, springs, (first, last), lines=lines)
+            weights = None if robust is None else robust.weights(col, row, heights)
+            evidence.add(col, row, heights, springs, (first, last), weights, lines)
             # the DEM's rows in this window: its row r is row r + 1 of the outer grid
             low, high = max(first - 1, 0), last - 1 if last < outer.height else last
             binning.count(col - 1.0, row - 1.0, low, high, dem.count)
@@ -177,7 +187,7 @@ def sum_of_squares(
     barriers: Placed | None = None,
 ) -> float:
     """Return the sum of the squares of point minus surface."""
-    lines = None if barriers is None else barriers.cuts.lines
+    lines = None if barriers is None else barriers.lines
     zero = stored_zero(points)
     sums: list[float] = []
     cells = 4 * STRIP_CELLS if scratch.spilled_bytes else outer.height * outer.width

@@ -174,6 +174,7 @@ def make_dem(
     grid: Grid | None = None,
     barriers: Barriers | None = None,
     with_noise: bool = False,
+    robust: bool = False,
 ) -> Dem:
     """
     Make a DEM.
@@ -209,6 +210,8 @@ def make_dem(
         Break lines and water; not for plain baselines.
     with_noise : bool
         Tell the points' noise by blocks, for standard errors: costs as much again as the surface.
+    robust : bool
+        Find the points that lie far off all others and let them hardly count.
 
     Returns
     -------
@@ -251,28 +254,40 @@ def make_dem(
     # one more cell all round: every point then has four nodes about it
     outer = grid.padded(1)
     tol = tol_m / float(crs.metres_per_unit_z or 1)
-    placed = None
+    placed, used = None, points
     if barriers is not None:
         from volatool.dem.barriers import place
 
         placed = place(barriers, outer, points, s, scratch)
-    z, solver = fit(points, outer, tuned, dem, tol, progress, placed)
+        used = placed.dry(points, outer)
+    trusted = None
+    if robust:
+        from volatool.dem.robust import find_far_off
+
+        unit = float(crs.metres_per_unit_z or 1)
+        trusted = find_far_off(used, outer, tuned.springs, unit, scratch)
+    z, solver = fit(used, outer, tuned, dem, tol, progress, placed, trusted)
+    if trusted is not None:
+        solver["robust"] = trusted.to_dict()
+        scratch.free(trusted.z)
     if with_noise:
-        freedom = answer(points, outer, tuned, scratch)
+        freedom = answer(used, outer, tuned, scratch)
         block = max(1, round(NOISE_BLOCK * s / grid.cell))
-        noise = measure(tuned.springs, partial(readings, points, outer), z, freedom, block, scratch)
+        noise = measure(tuned.springs, partial(readings, used, outer), z, freedom, block, scratch)
         scratch.free(freedom)
         dem = replace(dem, noise=noise, residual_rmse=noise.residual_rms, noise_sigma=noise.sigma)
     else:
-        rms = math.sqrt(sum_of_squares(points, outer, tuned, z, scratch, placed) / len(points))
+        rms = math.sqrt(sum_of_squares(used, outer, tuned, z, scratch, placed) / len(used))
         part = degrees_of_freedom(tuned.nets, grid.cell, s)
         sigma = rms / math.sqrt(1 - part) if part < MAX_FREEDOM else None
         dem = replace(dem, residual_rmse=rms, noise_sigma=sigma)
-    found = _finish(dem, points, z, gap, fill, s, placed)
+    found = _finish(dem, used, z, gap, fill, s, placed)
     scratch.free(z)
     if placed is not None:
         dem = replace(dem, barriers=placed.document, notes=tuple(placed.warnings))
         placed.free()
+    if used is not points:
+        used.close()
     return replace(dem, spacing=s, tuned=tuned, solver=solver, **found)
 
 

@@ -47,7 +47,7 @@ class Barriers:
     Parameters
     ----------
     lines : tuple of shapely geometries
-        Break lines, shores of lakes and of rivers, in the tile's CRS.
+        Break lines and banks of rivers, in the tile's CRS.
     lakes : tuple of Lake
         Water that is level.
     n_lines, n_rivers : int
@@ -74,7 +74,7 @@ def read_barriers(breaklines: str | None, water: str | None, crs: CrsInfo) -> Ba
     water : str or None
         Path of polygons. A lake gets one level: the mean height of its 3-D outline, or a number in
         one of `LEVEL_FIELDS`, or else what the ground along its shore says. A polygon whose type
-        field holds one of `RIVERS` is only cut off at its banks, as lines are.
+        field holds one of `RIVERS`, and a line, is only cut along, as break lines are.
     crs : CrsInfo
         Of the tile; a layer in another one is reprojected.
 
@@ -105,8 +105,8 @@ def read_barriers(breaklines: str | None, water: str | None, crs: CrsInfo) -> Ba
         for k, shape in enumerate(shapes):
             is_area = shapely.get_dimensions(shape) == 2
             is_river = not is_area or _is_river({name: fields[name][k] for name in fields})
-            lines.append(outline(shape))
             if is_river:
+                lines.append(outline(shape))
                 n_rivers += 1
                 continue
             level = _level(shape, {name: fields[name][k] for name in fields})
