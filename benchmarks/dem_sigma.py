@@ -64,7 +64,9 @@ def main() -> None:
                 train, test = points_of(ground, ~out), points_of(ground, out)
                 scratch = Scratch()
                 cell = Fraction(str(options.cell)) / ground.unit
-                dem = make_dem(train, crs, cell, scratch=scratch, max_gap=MAX_GAP_M / unit)
+                dem = make_dem(
+                    train, crs, cell, scratch=scratch, max_gap=MAX_GAP_M / unit, with_noise=True
+                )
                 assert dem.tuned is not None
                 assert dem.spacing is not None
                 start = time.process_time()

@@ -97,7 +97,7 @@ def test_the_report_equals_a_naive_one(max_gap):
     metres = CrsInfo(metres_per_unit_xy=Fraction(1), metres_per_unit_z=Fraction(1))
 
     def make(some):
-        return make_dem(some, metres, 1.0, max_gap=max_gap)
+        return make_dem(some, metres, 1.0, max_gap=max_gap, with_noise=True)
 
     found = assess(points, make(points), 20, make)
     n, void, near, gaps = naive_report(points, 20, make)
@@ -111,7 +111,7 @@ def test_the_report_equals_a_naive_one(max_gap):
         assert group["mae"] == pytest.approx(np.mean(abs(errors)))
         assert group["bias"] == pytest.approx(np.mean(errors))
         assert group["p95"] == pytest.approx(np.quantile(abs(errors), 0.95))
-        assert 0.9 <= group["coverage_95"] <= 1
+        assert 0.8 < group["coverage_95"] <= 1
         assert group["coverage_68"] < group["coverage_95"]
     # gaps of twice 4 m are left void, and those of the blocks are wider
     assert (void > 0) == (found["gaps"]["n"] == 0) == (max_gap is not None)

@@ -46,10 +46,10 @@ def model_of(points, dem, sigma=None):
 def test_the_layer_is_small_at_data_large_in_gaps_and_void_where_the_dem_is():
     """Below the points' noise beside data; several times that in the middle of a hole."""
     points = hilly()
-    dem = make_dem(points, METRES, 1.0, max_gap=5.0)
+    dem = make_dem(points, METRES, 1.0, max_gap=5.0, with_noise=True)
     layer = sigma_layer(points, dem.grid, dem.flag, model_of(points, dem), dem.scratch)
     np.testing.assert_array_equal(np.isnan(layer), dem.flag == VOID)
-    dem = make_dem(points, METRES, 1.0)
+    dem = make_dem(points, METRES, 1.0, with_noise=True)
     layer = sigma_layer(points, dem.grid, dem.flag, model_of(points, dem), dem.scratch)
     assert layer.dtype == np.float32
     assert np.median(layer[:20]) < 1.5 * dem.noise_sigma
@@ -59,7 +59,7 @@ def test_the_layer_is_small_at_data_large_in_gaps_and_void_where_the_dem_is():
 def test_known_noise_scales_the_layer_and_is_not_calibrated():
     """Twice the noise, twice the standard error; factors stay 1."""
     points = hilly(2000)
-    dem = make_dem(points, METRES, 2.0)
+    dem = make_dem(points, METRES, 2.0, with_noise=True)
     one, two = (model_of(points, dem, sigma) for sigma in (0.1, 0.2))
     assert (one.factors, one.n_held) == ((1.0,) * len(MIDDLES), 0)
     layers = [sigma_layer(points, dem.grid, dem.flag, m, dem.scratch) for m in (one, two)]
@@ -72,7 +72,7 @@ def test_memory_does_not_change_a_byte():
     for budget in (None, 0):
         with Scratch(budget) as scratch:
             points = hilly(1500)
-            dem = make_dem(points, METRES, 2.0, scratch=scratch)
+            dem = make_dem(points, METRES, 2.0, scratch=scratch, with_noise=True)
             model = model_of(points, dem)
             layer = sigma_layer(points, dem.grid, dem.flag, model, scratch)
             found.append((layer.tobytes(), model.factors, dem.noise_sigma))
@@ -82,7 +82,7 @@ def test_memory_does_not_change_a_byte():
 def test_intervals_hold_at_points_that_were_left_out():
     """95 % intervals of hills with noise hold 91 to 99 % of other points, near and in a gap."""
     train, test = hilly(), hilly(3000, seed=7, hole=False)
-    dem = make_dem(train, METRES, 1.0)
+    dem = make_dem(train, METRES, 1.0, with_noise=True)
     model = model_of(train, dem)
     ensemble = Ensemble(train, model.tuned, dem.grid, dem.scratch)
     unit = unit_errors_at(ensemble, ensemble.evidence(), test)
@@ -144,10 +144,10 @@ def test_the_coarse_grid_meshes_with_the_cells():
 def test_few_points_give_an_uncalibrated_model_and_equal_ones_none():
     """Forty points: factors of 1; one point: nothing tells the noise."""
     points = ground(*hills(40, 30.0))
-    dem = make_dem(points, METRES, 2.0)
+    dem = make_dem(points, METRES, 2.0, with_noise=True)
     model = model_of(points, dem)
     assert model is None or model.n_held == 0
     single = with_rows(points, next(iter(points.pieces()))[:1])
-    dem = make_dem(single, METRES, 2.0)
+    dem = make_dem(single, METRES, 2.0, with_noise=True)
     layer_model = model_of(single, dem)
     assert layer_model is None or np.isfinite(layer_model.sigma).all()

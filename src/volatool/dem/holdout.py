@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from volatool.dem.gather import SurfacePoints
 from volatool.dem.sigma import Ensemble, distances_at, fit, scale_at, unit_errors_at
-from volatool.dem.split import part, split
+from volatool.dem.split import part, some, split
 from volatool.dem.surfaces import Dem
 from volatool.emap.system import STRIP_CELLS, strips
 from volatool.model import F64
@@ -18,6 +18,10 @@ from volatool.scratch import Scratch
 
 NEAR_SPACINGS, NEAR_CELLS = 3.0, 1.5
 """A point is near data up to so many mean spacings, or cells, whichever is more."""
+
+
+MAX_TEST = 1 << 22
+"""Held-out points that are looked at, about: bounds memory and time."""
 
 
 def assess(
@@ -63,7 +67,8 @@ def assess(
     n_held = 0
     if len(points):
         chosen = split(points, half, half, spacing, crs.metres_per_unit_xy)
-        train, test = (part(points, chosen, held=held) for held in (False, True))
+        train = part(points, chosen, held=False)
+        test = some(part(points, chosen, held=True), MAX_TEST, scratch)
         n_held = len(test)
     if n_held and len(train):
         other = make(train)
@@ -73,6 +78,7 @@ def assess(
         ratios = np.abs(errors) / _spreads(train, test, other, distance, sigma, scratch)
         scratch.free(distance)
         other.free()
+        test.close()
     known = np.isfinite(errors)
     return {
         "percent": percent,

@@ -20,7 +20,7 @@ from volatool.dem.distance import MEASURED, VOID, distance_cells
 from volatool.dem.fit import fit_nets, readings, stored_zero
 from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid, grid_for
-from volatool.dem.split import part, split
+from volatool.dem.split import part, some, split
 from volatool.emap.noise import Noise
 from volatool.emap.system import Evidence, Springs, strips
 from volatool.emap.tuning import Net, Tuned
@@ -45,6 +45,9 @@ NEAR_LEVEL, GAP_LEVEL = 0.95, 0.975
 
 DOUBT = 5.0
 """Blocks' worth of doubt in a factor below 1, that would make intervals narrower."""
+
+MAX_TEST = 1 << 17
+"""Held-out points that are looked at, about; more say no more."""
 
 MIN_POINTS = 30
 """A class of fewer held-out points takes its neighbour's factor."""
@@ -328,8 +331,10 @@ def _calibrate(
     if len(points) < 2 * MIN_POINTS:
         return model
     chosen = split(points, SCATTERED, BLOCKED, model.spacing, crs.metres_per_unit_xy, salt=1)
-    train, test = (part(points, chosen, held=held) for held in (False, True))
+    train = part(points, chosen, held=False)
+    test = some(part(points, chosen, held=True), MAX_TEST, scratch)
     if len(train) < MIN_POINTS or len(test) < MIN_POINTS:
+        test.close()
         return model
     ensemble = Ensemble(train, model.tuned, grid, scratch)
     zero = stored_zero(points)
@@ -352,6 +357,7 @@ def _calibrate(
     blocks = np.concatenate([chosen.block_of(test, rows) for rows in test.pieces()])
     factors = class_factors(ratios, distance / model.spacing, blocks)
     n_held = len(test)
+    test.close()
     scratch.free(residuals, unit, distance)
     return replace(model, factors=factors, n_held=n_held)
 

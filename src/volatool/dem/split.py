@@ -9,9 +9,9 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
-from volatool.dem.gather import SurfacePoints
+from volatool.dem.gather import ROW, SHARE, SurfacePoints
 from volatool.dem.grid import Grid, grid_for
-from volatool.scratch import Spool
+from volatool.scratch import Scratch, Spool
 
 BLOCK_M = Fraction(10)
 """Smallest edge of a held-out block in metres, where the tile is large enough."""
@@ -22,7 +22,7 @@ BLOCK_SPACINGS = 10
 TILE_PARTS = 5
 """A block is at most such a part of the tile's longer side."""
 
-POINT_SALT, BLOCK_SALT = 11, 12
+POINT_SALT, BLOCK_SALT, FEW_SALT = 11, 12, 13
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,4 +168,30 @@ def part(points: SurfacePoints, chosen: Split, *, held: bool) -> SurfacePoints:
         Those, or the others.
     """
     spool: Spool = _Part(points, chosen, held=held)  # type: ignore[assignment]
+    return replace(points, spool=spool)
+
+
+def some(points: SurfacePoints, limit: int, scratch: Scratch) -> SurfacePoints:
+    """
+    Return points for many readings: about so many at most, by a hash, in a spool of their own.
+
+    Parameters
+    ----------
+    points : SurfacePoints
+        Any.
+    limit : int
+        More are thinned evenly.
+    scratch : Scratch
+        Where they wait; close the result after use.
+    """
+    from volatool.kernels import chance
+
+    spool = Spool(scratch, ROW, SHARE)
+    share = limit / max(1, len(points))
+    for rows in points.pieces():
+        if share < 1:
+            bits = np.empty(len(rows), np.uint64)
+            chance.hash_rows(rows, FEW_SALT, bits)
+            rows = rows[bits < np.uint64(int(share * 2.0**64))]
+        spool.append(rows)
     return replace(points, spool=spool)
