@@ -89,16 +89,13 @@ def make_elevation(
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
     own, wide = grids_of(points, source, options) if seam is None else (seam.own, seam.grid)
     dem = dem_of(points, source, options, scratch, shared, wide)
-    holdout = _holdout(points, dem, source, options, shared)
-    dem, uncertainty = _with_sigma(points, dem, source, options)
+    dem, judged = judge(points, dem, source, options, shared)
     points.close()
     if own is not None:
         dem = crop(dem, own)
     resources.drop_library_code()
     document = write_elevation(dem, source.name, options, outputs, target)
-    document["holdout"] = holdout
-    if uncertainty is not None:
-        document["sigma"] = uncertainty
+    document |= judged
     warnings = [*points.warnings, *solver_warnings(dem)]
     if seam is not None:
         document["buffer"] = seam.document
@@ -166,48 +163,58 @@ def solver_warnings(dem: Dem) -> list[CodedWarning]:
     ]
 
 
-def _known_noise(source: Source, options: ConvertOptions) -> float | None:
-    """Return ``--sigma`` in the vertical unit."""
-    sigma = options.sigma
-    return None if sigma is None else float(sigma.in_units(source.crs.metres_per_unit_z))
-
-
-def _holdout(
+def judge(
     points: SurfacePoints,
     dem: Dem,
-    source: Source,
+    source: Named,
     options: ConvertOptions,
     shared: Parameters | None,
-) -> dict[str, Any] | None:
-    """Return the report's ``dem.holdout``, if it is asked for."""
-    if options.holdout is None:
-        return None
+    noise: float | None = None,
+) -> tuple[Dem, dict[str, Any]]:
+    """
+    Return the model with its standard errors, if asked for, and what the report says of them.
+
+    Parameters
+    ----------
+    points, source, options, shared
+        As for `dem_of`.
+    dem : Dem
+        The model.
+    noise : float, optional
+        Of the points, vertical unit, where the file tells it; ``--sigma`` goes before.
+
+    Returns
+    -------
+    dem : Dem
+        With `Dem.sigma`.
+    document : dict
+        ``holdout`` and ``sigma`` of the report's ``dem``, those asked for.
+    """
+    if options.sigma is not None:
+        noise = float(options.sigma.in_units(source.crs.metres_per_unit_z))
+    if noise is not None and dem.tuned is not None:
+        dem = replace(dem, noise_sigma=noise)
+    document: dict[str, Any] = {}
+    if options.holdout is None and "sigma" not in options.layers:
+        return dem, document
     from volatool.dem.holdout import assess
-
-    def again(train: SurfacePoints) -> Dem:
-        return dem_of(train, source, options, dem.scratch, shared, dem.grid)
-
-    return assess(points, dem, options.holdout, again, _known_noise(source, options))
-
-
-def _with_sigma(
-    points: SurfacePoints, dem: Dem, source: Source, options: ConvertOptions
-) -> tuple[Dem, dict[str, Any] | None]:
-    """Return the model with its standard errors and the report's ``dem.sigma``, if asked for."""
-    known = _known_noise(source, options)
-    if known is not None and dem.tuned is not None:
-        dem = replace(dem, noise_sigma=known)
-    if "sigma" not in options.layers or dem.tuned is None or dem.spacing is None:
-        return dem, None
     from volatool.dem.sigma import fit, sigma_layer
+    from volatool.dem.split import within
 
-    scratch = dem.scratch
-    model = fit(points, dem.grid, dem.tuned, dem.noise, dem.spacing, dem.crs, scratch, known)
-    if model is None:
-        return dem, None
-    return replace(dem, sigma=sigma_layer(points, dem.grid, dem.flag, model, scratch)), (
-        model.to_dict()
-    )
+    points, scratch = within(points, dem.grid), dem.scratch
+    if options.holdout is not None:
+
+        def again(train: SurfacePoints) -> Dem:
+            return dem_of(train, source, options, scratch, shared, dem.grid)
+
+        document["holdout"] = assess(points, dem, options.holdout, again, noise)
+    if "sigma" in options.layers and dem.tuned is not None and dem.spacing is not None:
+        model = fit(points, dem.grid, dem.tuned, dem.noise, dem.spacing, dem.crs, scratch, noise)
+        if model is not None:
+            document["sigma"] = model.to_dict()
+            layer = sigma_layer(points, dem.grid, dem.flag, model, scratch)
+            dem = replace(dem, sigma=layer)
+    return dem, document
 
 
 def dem_of(

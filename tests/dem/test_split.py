@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from making_dems import ground, hills, with_rows
 
-from volatool.dem.split import part, split
+from volatool.dem.grid import Grid
+from volatool.dem.split import part, split, within
 
 
 def both(points, chosen):
@@ -59,3 +62,27 @@ def test_tiny_tiles_keep_a_block():
         points = ground(np.full(n, 5.0), np.full(n, 5.0), np.full(n, 1.0))
         chosen = split(points, 0.0, 0.5, 1.0, None)
         assert not chosen.chosen.any()
+
+
+def test_neighbours_points_are_held_out_once():
+    """Points beyond the tile's edge count like its own, in one part each."""
+    points = ground(*hills(2000, 100.0))
+    rows = np.concatenate(list(points.pieces()))
+    spool = with_rows(points, rows[1500:]).spool
+    seam = replace(with_rows(points, rows[:1500]), beyond=spool)
+    chosen = split(seam, 0.05, 0.05, 1.0, None)
+    train, test = (part(seam, chosen, held=held) for held in (False, True))
+    assert len(train) + len(test) == 2000
+    for some in (train, test):
+        assert sum(map(len, some.pieces())) == len(some)
+    assert both(seam, chosen) == both(points, chosen)
+
+
+def test_within_leaves_out_points_off_the_grid():
+    """Of a DEM like another raster some points lie outside."""
+    x, y, z = hills(2000, 60.0)
+    points = ground(x, y, z)
+    inside = within(points, Grid(10.0, 50.0, 1.0, 20, 20))
+    kept = (x >= 10) & (x <= 30) & (y >= 30) & (y <= 50)
+    assert len(inside) == sum(map(len, inside.pieces())) == np.count_nonzero(kept)
+    assert within(points, Grid(-5.0, 70.0, 1.0, 80, 80)) is points

@@ -91,7 +91,7 @@ def volume_dem(
         ``E_MEMORY``: the voxels don't fit the budget.
     """
     from volatool.dem.placing import own_grid, shared_parameters
-    from volatool.elevation import dem_of, solver_warnings, write_elevation
+    from volatool.elevation import dem_of, judge, solver_warnings, write_elevation
     from volatool.formats.registry import open_volume
     from volatool.volume_stats import volume_cube, volume_input
 
@@ -122,11 +122,13 @@ def volume_dem(
     if own is None:
         own = grid_for(box, choose_cell(points, crs.metres_per_unit_xy, least=edge).cell)
     dem = dem_of(points, source, options, scratch, springs, own)
+    sigma = float(edge) / float(volume.crs.z_ratio) / math.sqrt(12)
+    dem, judged = judge(points, dem, source, options, springs, sigma)
+    if options.sigma is None:
+        dem = replace(dem, noise_sigma=sigma)  # plain surfaces too
     points.close()
     resources.drop_library_code()
-    sigma = float(edge) / float(volume.crs.z_ratio) / math.sqrt(12)
-    dem = replace(dem, noise_sigma=sigma)
-    document = write_elevation(dem, path.name, options, outputs, target)
+    document = write_elevation(dem, path.name, options, outputs, target) | judged
     warnings += [*points.warnings, *solver_warnings(dem)]
     return replace(report, dem=document, warnings=tuple(warnings))
 

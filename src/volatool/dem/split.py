@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -130,14 +130,23 @@ def split(
     return Split(blocks, chosen, scattered / (1 - blocked), salt)
 
 
-class _Part:
-    """Some of a spool's rows, picked anew at each pass."""
+class Some:
+    """
+    Some of a surface's points, picked anew at each pass.
 
-    def __init__(self, points: SurfacePoints, chosen: Split, *, held: bool) -> None:
-        self.points, self.chosen, self.held = points, chosen, held
-        self.n_rows = 0
-        for rows in self.pieces():
-            self.n_rows += len(rows)
+    Parameters
+    ----------
+    points : SurfacePoints
+        All points; must stay open.
+    keep : callable
+        Tells which of some rows are taken.
+    """
+
+    def __init__(
+        self, points: SurfacePoints, keep: Callable[[NDArray[np.int32]], NDArray[np.bool_]]
+    ) -> None:
+        self.points, self.keep = points, keep
+        self.n_rows = sum(map(len, self.pieces()))
 
     def __len__(self) -> int:
         return self.n_rows
@@ -145,13 +154,16 @@ class _Part:
     def pieces(self) -> Iterator[NDArray[np.int32]]:
         """Yield the rows in order."""
         for rows in self.points.pieces():
-            out = self.chosen.held(self.points, rows)
-            part = rows[out if self.held else ~out]
-            if len(part):
-                yield part
+            some = rows[self.keep(rows)]
+            if len(some):
+                yield some
 
     def close(self) -> None:
         """Do nothing: the rows belong to the whole."""
+
+    def as_points(self) -> SurfacePoints:
+        """Return the same as points, over the extent of all."""
+        return replace(self.points, spool=self, beyond=None)  # type: ignore[arg-type]
 
 
 def part(points: SurfacePoints, chosen: Split, *, held: bool) -> SurfacePoints:
@@ -167,8 +179,23 @@ def part(points: SurfacePoints, chosen: Split, *, held: bool) -> SurfacePoints:
     held : bool
         Those, or the others.
     """
-    spool: Spool = _Part(points, chosen, held=held)  # type: ignore[assignment]
-    return replace(points, spool=spool)
+    return Some(points, lambda rows: chosen.held(points, rows) == held).as_points()
+
+
+def within(points: SurfacePoints, grid: Grid) -> SurfacePoints:
+    """Return the points that lie on a grid, over the same extent; nothing is copied."""
+    box = points.box
+    left, top, cell = grid.exact
+    right, bottom = left + grid.width * cell, top - grid.height * cell
+    if box is None or (left <= box[0] and bottom <= box[1] and box[2] <= right and box[3] <= top):
+        return points
+
+    def keep(rows: NDArray[np.int32]) -> NDArray[np.bool_]:
+        col, row = grid.places(rows, points.scale, points.offset)
+        found: NDArray[np.bool_] = (col >= 0) & (col <= grid.width)
+        return found & (row >= 0) & (row <= grid.height)
+
+    return Some(points, keep).as_points()
 
 
 def some(points: SurfacePoints, limit: int, scratch: Scratch) -> SurfacePoints:
@@ -194,4 +221,4 @@ def some(points: SurfacePoints, limit: int, scratch: Scratch) -> SurfacePoints:
             chance.hash_rows(rows, FEW_SALT, bits)
             rows = rows[bits < np.uint64(int(share * 2.0**64))]
         spool.append(rows)
-    return replace(points, spool=spool)
+    return replace(points, spool=spool, beyond=None)
