@@ -214,6 +214,13 @@ def judge(
             document["sigma"] = model.to_dict()
             layer = sigma_layer(points, dem.grid, dem.flag, model, scratch)
             dem = replace(dem, sigma=layer)
+    if "sigma" in options.layers and dem.sigma is None:
+        unknown = CodedWarning(
+            "W_NO_SIGMA",
+            "the points are too few to tell their noise by: the layer of standard errors is void; "
+            "--sigma gives the noise",
+        )
+        dem = replace(dem, notes=(*dem.notes, unknown))
     return dem, document
 
 

@@ -11,7 +11,7 @@ from making_dems import ground, hills
 from volatool.dem import accuracy, geotiff
 from volatool.dem.checkpoints import parse
 from volatool.dem.surfaces import make_dem
-from volatool.errors import CRSError, FormatError
+from volatool.errors import CRSError, FormatError, InputError
 from volatool.model import CrsInfo
 
 METRES = CrsInfo(metres_per_unit_xy=Fraction(1), metres_per_unit_z=Fraction(1))
@@ -116,6 +116,14 @@ def test_points_off_the_dem_void_and_filled_are_counted_apart(dem):
     assert "44" in found.filled.ids
     values = geotiff.read_values_at(dem, np.array([0.0, 59.99]), np.array([30.0, 3.0]))
     assert np.isfinite(values).all()
+
+
+def test_checkpoints_of_which_none_lies_on_the_dem_are_an_error(dem):
+    """Swapped or in another CRS: said so, not a report of nothing."""
+    points = parse("x,y,z\n5000,10,100\n6000,20,100\n", "p")
+    with pytest.raises(InputError, match=r"none of the 2 checkpoints .*2 lie off") as caught:
+        accuracy.assess(dem, points)
+    assert caught.value.code == "E_CHECKPOINTS"
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from making_dems import ground, hills, with_rows
+from making_tiles import write_las
 
 from volatool.dem.distance import VOID
+from volatool.dem.geotiff import read_dem
 from volatool.dem.grid import Grid
 from volatool.dem.sigma import (
     DOUBT,
@@ -26,7 +28,9 @@ from volatool.dem.sigma import (
 from volatool.dem.surfaces import make_dem
 from volatool.emap.tuning import choose_springs
 from volatool.model import CrsInfo
+from volatool.options import ConvertOptions
 from volatool.scratch import Scratch
+from volatool.tile import convert_tile
 
 METRES = CrsInfo(metres_per_unit_xy=Fraction(1), metres_per_unit_z=Fraction(1))
 
@@ -151,3 +155,22 @@ def test_few_points_give_an_uncalibrated_model_and_equal_ones_none():
     dem = make_dem(single, METRES, 2.0, with_noise=True)
     layer_model = model_of(single, dem)
     assert layer_model is None or np.isfinite(layer_model.sigma).all()
+
+
+def test_a_layer_that_cannot_be_told_is_void_and_a_warning_says_so(tmp_path):
+    """Points of one height have no noise to see: W_NO_SIGMA; known noise gives the layer."""
+    tile = write_las(
+        tmp_path / "flat.las",
+        [[0, 0, 100], [500, 0, 100], [0, 500, 100], [500, 500, 100]],
+        classification=np.full(4, 2, np.uint8),
+    )
+
+    def codes(**options):
+        given = ConvertOptions(cell=1, layers=("sigma",), **options)
+        report = convert_tile(tile, given, kind="dem", overwrite=True)
+        return [warning.code for warning in report.warnings]
+
+    assert "W_NO_SIGMA" in codes()
+    assert np.isnan(read_dem(tmp_path / "flat.dem.sigma.tif").z).all()
+    assert "W_NO_SIGMA" not in codes(sigma="0.1")
+    assert np.isfinite(read_dem(tmp_path / "flat.dem.sigma.tif").z).any()

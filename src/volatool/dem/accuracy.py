@@ -20,7 +20,7 @@ import numpy as np
 from volatool.dem.checkpoints import Checkpoints
 from volatool.dem.distance import FILLED
 from volatool.dem.geotiff import read_heights_at, read_profile, read_values_at
-from volatool.errors import CRSError, FormatError
+from volatool.errors import CRSError, FormatError, InputError
 from volatool.model import F64, CrsInfo
 
 SCHEMA = "volatool.accuracy/1"
@@ -246,11 +246,20 @@ def assess(
     ------
     InputNotFoundError, FormatError
         The DEM or a layer is not there or not such a file.
+    InputError
+        ``E_CHECKPOINTS``: no checkpoint lies where the DEM has a height.
     """
     flag = beside(dem, "flag") if flag is None else flag
     sigma = beside(dem, "sigma") if sigma is None else sigma
     heights, inside = read_heights_at(dem, points.x, points.y)
     known = np.isfinite(heights)
+    if not known.any():
+        raise InputError(
+            f"{dem.name}: none of the {len(points)} checkpoints lies on a cell with a height "
+            f"({np.count_nonzero(~inside)} lie off the model); are they in another CRS "
+            "(--points-crs), or x and y swapped?",
+            "E_CHECKPOINTS",
+        )
     errors = heights - points.z
 
     def group(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> Errors:
@@ -258,7 +267,6 @@ def assess(
         ids = tuple(points.ids[k] for k in chosen)
         return Errors(errors[chosen], ids, checkpoint_rmse)
 
-    every = np.ones(len(points), bool)
     filled = None
     if flag is not None:
         filled = group(read_values_at(flag, points.x, points.y) == FILLED)
@@ -276,7 +284,7 @@ def assess(
     return Accuracy(
         dem.name,
         profile["unit"],
-        group(~points.vegetated & every),
+        group(~points.vegetated),
         group(points.vegetated),
         filled,
         int(np.count_nonzero(~inside)),

@@ -15,13 +15,14 @@ from volatool.emap.noise import TOL, signs
 from volatool.emap.solve import SolveInfo, solve
 from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
 from volatool.emap.tuning import Net, Tuned
-from volatool.model import F64, Progress
+from volatool.model import F64, Progress, no_progress
 from volatool.scratch import Scratch
 
 if TYPE_CHECKING:
     from volatool.dem.barriers import Placed
     from volatool.dem.robust import Robust
     from volatool.dem.surfaces import Dem
+    from volatool.emap.cuts import Cuts
     from volatool.emap.lines import Lines
 
 
@@ -64,47 +65,11 @@ def fit(
     solver : dict
         The report's ``dem.solver``.
     """
-    z: F64 | None = None
-    infos: list[SolveInfo] = []
-
-    def tell(done: int, of: int) -> None:
-        before = sum(info.iterations for info in infos)
-        progress(before + done, before + of * (len(tuned.nets) - len(infos)))
-
     evidence = _evidence(points, outer, tuned.springs, dem, barriers, robust)
     if barriers is not None:
         barriers.hold(evidence, tuned.springs.weight)
-    tether = 0.0
-    for number, net in enumerate(tuned.nets):
-        if net.tether != tether:
-            evidence.tether(net.tether - tether)
-            tether = net.tether
-        is_last = number == len(tuned.nets) - 1
-        # what is left for a later net is small: level 0 is a better start than a multigrid pass
-        level = None if z is None else dem.scratch.zeros(evidence.shape, np.float64)
-        part, info = solve(
-            evidence,
-            net.springs,
-            tol=tol,
-            start=level,
-            consume=is_last,
-            progress=tell,
-            cuts=None if barriers is None else barriers.cuts,
-        )
-        if level is not None:
-            dem.scratch.free(level)
-        infos.append(info)
-        if not is_last:
-            evidence.subtract(part, tether)
-        if z is None:
-            z = part
-            continue
-        for start, stop in strips(*z.shape):
-            z[start:stop] += part[start:stop]
-            dem.scratch.relax(z, start, stop)
-            dem.scratch.relax(part, start, stop)
-        dem.scratch.free(part)
-    assert z is not None
+    cuts = None if barriers is None else barriers.cuts
+    z, infos = solve_nets(evidence, tuned.nets, tol, cuts, progress)
     springs = tuned.nets[0].springs
     return z, {
         "method": infos[0].method,
@@ -116,6 +81,78 @@ def fit(
         "rule": tuned.rule,
         "nets": [_describe(net, outer.cell) for net in tuned.nets],
     }
+
+
+def solve_nets(
+    evidence: Evidence,
+    nets: Sequence[Net],
+    tol: float,
+    cuts: Cuts | None = None,
+    progress: Progress = no_progress,
+) -> tuple[F64, list[SolveInfo]]:
+    """
+    Solve net after net, each for what the ones before leave of the points' heights.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Of the points; used up.
+    nets : sequence of Net
+        On the evidence's grid.
+    tol : float
+        Stop of each solve.
+    cuts : Cuts, optional
+        Springs that are missing.
+    progress : callable
+        Told the iterations.
+
+    Returns
+    -------
+    z : (h, w) array of float64
+        Sum of the nets' heights, in the evidence's scratch.
+    infos : list of SolveInfo
+        Of each net.
+    """
+    scratch, shape = evidence.scratch, evidence.shape
+    z: F64 | None = None
+    infos: list[SolveInfo] = []
+
+    def tell(done: int, of: int) -> None:
+        before = sum(info.iterations for info in infos)
+        progress(before + done, before + of * (len(nets) - len(infos)))
+
+    tether = 0.0
+    for number, net in enumerate(nets):
+        if net.tether != tether:
+            evidence.tether(net.tether - tether)
+            tether = net.tether
+        is_last = number == len(nets) - 1
+        # what is left for a later net is small: level 0 is a better start than a multigrid pass
+        level = None if z is None else scratch.zeros(shape, np.float64)
+        part, info = solve(
+            evidence,
+            net.springs,
+            tol=tol,
+            start=level,
+            consume=is_last,
+            progress=tell,
+            cuts=cuts,
+        )
+        if level is not None:
+            scratch.free(level)
+        infos.append(info)
+        if not is_last:
+            evidence.subtract(part, tether)
+        if z is None:
+            z = part
+            continue
+        for start, stop in strips(*shape):
+            z[start:stop] += part[start:stop]
+            scratch.relax(z, start, stop)
+            scratch.relax(part, start, stop)
+        scratch.free(part)
+    assert z is not None
+    return z, infos
 
 
 def _describe(net: Net, cell: float) -> dict[str, float | None]:
@@ -139,11 +176,8 @@ def _evidence(
 
     lines = None if barriers is None else barriers.lines
     evidence = Evidence(outer.height, outer.width, dem.scratch)
-    zero = stored_zero(points)
     for first, last in evidence.windows():
-        for rows in points.pieces():
-            col, row = outer.places(rows, points.scale, points.offset)
-            heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
+        for _, col, row, heights in readings(points, outer):
             weights = None if robust is None else robust.weights(col, row, heights)
             evidence.add(col, row, heights, springs, (first, last), weights, lines)
             # the DEM's rows in this window: its row r is row r + 1 of the outer grid
@@ -188,17 +222,15 @@ def sum_of_squares(
 ) -> float:
     """Return the sum of the squares of point minus surface."""
     lines = None if barriers is None else barriers.lines
-    zero = stored_zero(points)
     sums: list[float] = []
     cells = 4 * STRIP_CELLS if scratch.spilled_bytes else outer.height * outer.width
     windows = list(strips(outer.height, outer.width, cells))
-    for rows in points.pieces():
-        col, row = outer.places(rows, points.scale, points.offset)
-        fit = np.empty(len(rows))
+    for _, col, row, heights in readings(points, outer):
+        fit = np.empty(len(col))
         for first, last in windows:
             _read(z, col, row, tuned.springs.is_nearest, (first, last), lines, fit)
             scratch.relax(z, first, last)
-        fit -= (rows[:, 2] - zero) * points.scale[2]
+        fit -= heights
         sums.append(float(np.nansum(np.square(fit))))  # NaN: lines all round
     return math.fsum(sums)
 
@@ -250,34 +282,12 @@ def fit_nets(
     z : (h, w) array of float64
         Sum of the nets' heights; give it back with ``scratch.free``.
     """
-    from volatool.kernels import spring
-
-    z: F64 | None = None
-    for net in nets:
-        evidence = Evidence(*shape, scratch)
-        for first, last in evidence.windows():
-            for _, col, row, heights in read():
-                if z is not None:
-                    below = np.zeros(len(heights))
-                    top = max(first - 1, 0)
-                    spring.interpolate(z, col, row, net.springs.is_nearest, top, last, below)
-                    heights = heights - below
-                    scratch.relax(z)
-                evidence.add(col, row, heights, net.springs, (first, last))
-            evidence.relax(first, last)
-        if net.tether:
-            evidence.tether(net.tether)
-        part, _ = solve(evidence, net.springs, tol=tol / len(nets), consume=True)
-        if z is None:
-            z = part
-            continue
-        for start, stop in strips(*shape):
-            z[start:stop] += part[start:stop]
-            scratch.relax(z, start, stop)
-            scratch.relax(part, start, stop)
-        scratch.free(part)
-    assert z is not None
-    return z
+    evidence = Evidence(*shape, scratch)
+    for first, last in evidence.windows():
+        for _, col, row, heights in read():
+            evidence.add(col, row, heights, nets[0].springs, (first, last))
+        evidence.relax(first, last)
+    return solve_nets(evidence, nets, tol)[0]
 
 
 def answer(points: SurfacePoints, outer: Grid, tuned: Tuned, scratch: Scratch) -> F64:
