@@ -15,9 +15,11 @@ from volatool_cli.commands.check import check
 from volatool_cli.commands.classify import classify
 from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
+from volatool_cli.commands.diff import diff
 from volatool_cli.commands.doctor import doctor
 from volatool_cli.commands.emap import emap
 from volatool_cli.commands.info import info
+from volatool_cli.commands.merge import merge
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
@@ -77,6 +79,8 @@ def cli(ctx: click.Context) -> None:
 
 for command in (convert, stats, info, dem, check, classify, emap, validate, reproduce, doctor):
     cli.add_command(command)
+cli.add_command(diff)
+cli.add_command(merge)
 
 
 def main() -> NoReturn:
