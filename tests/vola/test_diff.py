@@ -76,6 +76,33 @@ def test_spread_is_the_near_cells_of_another_block(word, x, y, z, reach):
     assert int(near.spread(np.uint64(word), x, y, z, reach)) == expected
 
 
+@settings(max_examples=40, deadline=None)
+@given(dense_sets(2), dense_sets(2), st.integers(0, 2))
+def test_tops_of_columns(one, other, noise):
+    """Raised and lowered beyond the noise, the net of all; columns of one volume only apart."""
+    found = diff(volume_of(one, 2), volume_of(other, 2), noise=noise).surface()
+    before, after = ({}, {})
+    for tops, voxels in ((before, one), (after, other)):
+        for x, y, z in voxels:
+            tops[x, y] = max(tops.get((x, y), 0), z)
+    moved = [after[column] - before[column] for column in before.keys() & after.keys()]
+    assert found.n_both == len(moved)
+    assert found.n_added == len(after.keys() - before.keys())
+    assert found.n_removed == len(before.keys() - after.keys())
+    assert found.raised == sum(step for step in moved if step > noise)
+    assert found.lowered == sum(-step for step in moved if step < -noise)
+    assert found.net == sum(moved)
+
+
+def test_few_blocks_in_a_deep_volume_need_no_table_of_all_places():
+    """4**9 x 4**9 columns of blocks: the places are those that there are."""
+    far = {(0, 0, 0), (4**10 - 1, 7, 4**10 - 1)}
+    found = diff(volume_of(far, 10), volume_of({(0, 0, 0), (1, 0, 0)}, 10), by="block")
+    assert found.changes.blocks.tolist() == [[0, 0, 0], [4**9 - 1, 1, 4**9 - 1]]
+    surface = found.surface()
+    assert (surface.n_both, surface.n_added, surface.n_removed) == (1, 1, 1)
+
+
 def plane(z):
     return {(x, y, z(x, y)) for x in range(48) for y in range(48)}
 
@@ -109,6 +136,8 @@ def test_a_new_house_gives_its_volume():
     assert list(in_significant_blocks(found)) == [len(house), 0]
     assert significant_volume(found) == volume == (b - a).volume()
     assert found.n_significant_added == 10 * 8 * 5  # the lowest layer touches the ground
+    surface = found.surface()
+    assert (surface.raised, surface.net, surface.lowered) == (480, 480, 0)
     back = diff(b, a)
     assert list(in_significant_blocks(back)) == [0, len(house)]
     low, high = found.corners(found.changes.blocks, 3)[:, :2], found.changes.last
