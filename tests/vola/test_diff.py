@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import volatool as vt
 from volatool.changes import significant_volume
 from volatool.cube import Cube
 from volatool.errors import InputError, OptionError
@@ -188,3 +189,33 @@ def test_grids_and_options_are_checked():
                     {"by": "row"}):  # fmt: skip
         with pytest.raises(OptionError, match="must be"):
             diff(a, a, **options)
+
+
+def test_a_real_tile_against_scipy_and_numpy(shared, tmp_path):
+    """Every second point of a street in Delft: sets of keys, and a dilation of the dense grid."""
+    from scipy import ndimage
+
+    tile = shared / "tiles" / "ahn3_cropped_2.laz"
+    options = {"dem": False, "dense": "never", "depth": 4}
+    whole = vt.convert(tile, tmp_path, **options).paths[0]
+    halves = []
+    for bounds in ((84990, 0, 85045, 10**6), (85020, 0, 86000, 10**6)):
+        report = vt.convert(tile, tmp_path / str(bounds[0]), cube_from=whole, bounds=bounds,
+                            thin=2, dem=False, dense="never")  # fmt: skip
+        halves.append(vt.open(report.paths[0]))
+    a, b = halves
+    for result, operation in ((a | b, np.union1d), (a & b, np.intersect1d), (a ^ b, np.setxor1d),
+                              (a - b, np.setdiff1d)):  # fmt: skip
+        assert np.array_equal(result.keys(), operation(a.keys(), b.keys()))
+        assert len(result) > 1000
+    found = diff(a, b, noise=2)
+    grids = []
+    for volume in (a, b):
+        grid = np.zeros((256,) * 3, np.bool_)
+        grid[tuple(volume.voxels().T)] = True
+        grids.append(grid)
+    near = [ndimage.maximum_filter(grid.view(np.uint8), 5, mode="constant") > 0 for grid in grids]
+    one, other = grids
+    assert found.n_both == (one & other).sum()
+    assert found.n_significant_added == (other & ~near[0]).sum() > 0
+    assert found.n_significant_removed == (one & ~near[1]).sum() > 0
