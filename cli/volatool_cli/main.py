@@ -17,6 +17,7 @@ from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
 from volatool_cli.commands.doctor import doctor
 from volatool_cli.commands.emap import emap
+from volatool_cli.commands.index import index
 from volatool_cli.commands.info import info
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
@@ -75,7 +76,19 @@ def cli(ctx: click.Context) -> None:
         ctx.exit(ExitCode.USAGE)
 
 
-for command in (convert, stats, info, dem, check, classify, emap, validate, reproduce, doctor):
+for command in (
+    convert,
+    stats,
+    info,
+    dem,
+    check,
+    classify,
+    emap,
+    index,
+    validate,
+    reproduce,
+    doctor,
+):
     cli.add_command(command)
 
 
