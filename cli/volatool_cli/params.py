@@ -98,6 +98,19 @@ class LengthRangeType(Base):
             self.fail(f"{value!r} is not two lengths LOW,HIGH such as 0.2m,2m", param, ctx)
 
 
+class LengthOrZeroType(Base):
+    """A length that may be 0."""
+
+    name = "LENGTH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a `Length`."""
+        try:
+            return value if isinstance(value, Length) else _length_or_zero(value)
+        except OptionError as error:
+            self.fail(str(error), param, ctx)
+
+
 def _length_or_zero(text: str) -> Length:
     """Return a length that may be none."""
     from fractions import Fraction

@@ -9,7 +9,7 @@ import click
 from volatool.export.model import COLOURS, SHAPES, SLICES
 from volatool.export.registry import FORMATS
 from volatool_cli import options
-from volatool_cli.params import BoundsType, LengthRangeType, RangeType, SizeType
+from volatool_cli.params import BoundsType, LengthOrZeroType, LengthRangeType, RangeType, SizeType
 
 _WIDTH = max(map(len, FORMATS)) + 2
 _LIST = "\n".join(f"  {name:{_WIDTH}}{one.title}" for name, one in FORMATS.items())
@@ -77,6 +77,11 @@ Examples:
     type=click.Path(dir_okay=False),
     metavar="DEM.tif",
     help="nav2: the ground.  [default: the lowest voxels around]",
+)
+@click.option(
+    "--near",
+    type=LengthOrZeroType(),
+    help="nav2: how far from ground that was seen an empty column is free.  [default: 0.5m]",
 )
 @click.option("--name", metavar="WORD", help="c-array: what the array is called.")
 @click.option("--dense", is_flag=True, default=None, help="vol1: the dense form.")

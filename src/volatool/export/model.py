@@ -81,6 +81,8 @@ class ExportOptions:
         Lowest and highest obstacle above the ground (nav2).
     ground : str, optional
         Elevation model that is the ground (nav2).
+    near : Length, optional
+        How far from ground that was seen empty columns count as free (nav2).
     name : str, optional
         Identifier of the array (c-array).
     dense : bool, optional
@@ -99,6 +101,7 @@ class ExportOptions:
     slices: str | None = None
     above: tuple[Length, Length] | None = None
     ground: str | None = None
+    near: Length | None = None
     name: str | None = None
     dense: bool | None = None
     limit: int | None = None
@@ -112,6 +115,11 @@ class ExportOptions:
             raise OptionError(f"z must be LOW,HIGH with LOW <= HIGH, got {self.z}")
         if self.limit is not None and self.limit <= 0:
             raise OptionError(f"limit is {self.limit}, expected bytes greater than 0")
+
+    @property
+    def has_selection(self) -> bool:
+        """Whether not all of the volume is exported."""
+        return (self.level, self.bounds, self.z) != (None, None, None)
 
     def check(self, exporter: Exporter) -> None:
         """
@@ -146,7 +154,7 @@ class Target:
 
     Attributes
     ----------
-    path, suffix
+    path, suffix, source
         As given.
     stem : str
         Name of the output without the suffix.
@@ -156,7 +164,8 @@ class Target:
         self, outputs: OutputSet, path: Path, suffix: str, source: Path | None = None
     ) -> None:
         self.path, self.suffix = path, suffix
-        self._outputs, self._source = outputs, source
+        self.source = source
+        self._outputs = outputs
         has_suffix = path.name.lower().endswith(suffix) and len(path.name) > len(suffix)
         self.stem = path.name[: -len(suffix)] if has_suffix else path.name
 
@@ -179,7 +188,7 @@ class Target:
             It exists and must not be overwritten, or it is the input.
         """
         path = self.name(ending)
-        if self._source is not None and is_same(path, self._source):
+        if self.source is not None and is_same(path, self.source):
             raise OptionError(f"{path}: is the input; give the output another name with --output")
         return self._outputs.add(path)
 

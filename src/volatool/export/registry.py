@@ -38,7 +38,7 @@ _ALL = (
         ".yaml",
         "ROS 2 map_server occupancy map (pgm + yaml)",
         "nav2",
-        ("above", "ground", "local"),
+        ("above", "ground", "near", "local"),
         suffixes=(".pgm",),
     ),
     Exporter("c-array", ".h", "C header for a microcontroller", "c_array", ("name", "limit")),
