@@ -93,7 +93,7 @@ class LengthRangeType(Base):
             return value
         try:
             low, high = value.split(",")
-            return _length_or_zero(low), Length.parse(high)
+            return Length.parse(low, or_zero=True), Length.parse(high)
         except (OptionError, ValueError):
             self.fail(f"{value!r} is not two lengths LOW,HIGH such as 0.2m,2m", param, ctx)
 
@@ -106,16 +106,9 @@ class LengthOrZeroType(Base):
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return a `Length`."""
         try:
-            return value if isinstance(value, Length) else _length_or_zero(value)
+            return Length.parse(value, or_zero=True)
         except OptionError as error:
             self.fail(str(error), param, ctx)
-
-
-def _length_or_zero(text: str) -> Length:
-    """Return a length that may be none."""
-    from fractions import Fraction
-
-    return Length(Fraction(0)) if text.strip() == "0" else Length.parse(text)
 
 
 class CodesType(Base):

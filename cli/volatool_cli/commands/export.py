@@ -16,7 +16,7 @@ _LIST = "\n".join(f"  {name:{_WIDTH}}{one.title}" for name, one in FORMATS.items
 _HELP = f"""Write a volume in another format: all of it, a coarser level, or a part.
 
 The output lies beside FILE, with the suffix of the format; its path is printed (of several
-files one a line).
+files one a line). Points are called tile.voxels.laz: tile.laz is what the volume was made from.
 
 \b
 Formats:
@@ -25,7 +25,7 @@ Formats:
 \b
 Examples:
   volatool export tile.vol.gz --to laz
-  volatool export tile.vol.gz --to nav2 --above 0.2m,2m -o map.yaml
+  volatool export tile.vol.gz --to nav2 --above 0.5m,5m -o map.yaml
   volatool export tile.vol.gz --to png --level 3 --slices top
 """
 

@@ -131,20 +131,21 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
         warnings.append(CodedWarning("W_NO_CRS", "no CRS tells the unit; metres are assumed"))
     columns = Columns.of(volume)
     low, high = (float(length.in_units(metres)) for length in options.above or ABOVE)
+    cell_m = volume.cell() * float(metres)
+    if high < volume.cell():
+        raise InputError(
+            f"voxels of {cell_m:.3g} m can't tell what stands up to {high * float(metres):.3g} m "
+            "above the ground; raise the upper height of --above, or make a finer volume"
+        )
     if low < volume.cell():
         warnings.append(
             CodedWarning(
                 "W_VOXEL_SIZE",
-                f"voxels are {volume.cell() * float(metres):g} m: what is lower than one above "
-                f"the ground is not told from it (asked for: {low * float(metres):g} m)",
+                f"voxels are {cell_m:.3g} m: what is lower than one above the ground is not told "
+                f"from it (asked for: {low * float(metres):.3g} m)",
             )
         )
         low = volume.cell()
-    if high < low:
-        raise InputError(
-            f"no voxel is between {low * float(metres):g} m and {high * float(metres):g} m above "
-            "the ground; raise the upper height of --above"
-        )
     ground = _ground(volume, columns.grid, options.ground) * float(volume.crs.z_ratio)
     near = float((options.near or NEAR).in_units(metres))
     image = occupancy(volume, columns, ground, low, high, near)
@@ -228,7 +229,7 @@ def _ground(volume: Volume, grid: Grid, name: str | None) -> F64:
     from volatool.dem.like import grid_like
 
     path = Path(name)
-    grid_like(path, volume.crs)
+    grid_like(path, volume.crs, "--ground")
     dem = read_dem(path)
     theirs, ours = crs_of(path).metres_per_unit_z, volume.crs.metres_per_unit_z
     factor = float(theirs / ours) if theirs and ours else 1.0
