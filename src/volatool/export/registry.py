@@ -122,6 +122,8 @@ def run(
     """
     try:
         module = import_module(f"volatool.export.{exporter.module}")
+        warnings: list[CodedWarning] = module.export(volume, target, options)
+        return warnings
     except ModuleNotFoundError as error:
         if exporter.extra is None or (error.name or "").startswith("volatool"):
             raise
@@ -129,5 +131,3 @@ def run(
             f"--to {exporter.name} needs {error.name}: pip install 'volatool[{exporter.extra}]'",
             "E_NO_EXTRA",
         ) from error
-    warnings: list[CodedWarning] = module.export(volume, target, options)
-    return warnings
