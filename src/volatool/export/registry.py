@@ -35,7 +35,14 @@ _ALL = (
     Exporter("bt", ".bt", "OctoMap binary tree", "bt"),
     Exporter("binvox", ".binvox", "binvox run-length grid", "binvox", ("limit",)),
     Exporter("vdb", ".vdb", "OpenVDB grid: Blender, Houdini (needs pyopenvdb)", "vdb"),
-    Exporter("png", ".png", "pictures of the layers, placed for GIS", "png", ("slices", "limit")),
+    Exporter(
+        "png",
+        ".png",
+        "pictures of the layers, placed for GIS",
+        "png",
+        ("slices", "limit"),
+        has_main=False,
+    ),
     Exporter(
         "nav2",
         ".yaml",
