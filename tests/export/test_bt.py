@@ -12,7 +12,7 @@ from making_volumes import CRS, INFO, random_volume, same, volume_of
 import volatool as vt
 from volatool.cube import Cube
 from volatool.errors import OptionError, ResourceError
-from volatool.export.bt import shift_of
+from volatool.export.placing import shift_of
 from volatool.export.select import half_open
 from volatool.formats.octomap import HALF, parse_bt
 from volatool.formats.origin import find_origin
