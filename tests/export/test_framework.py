@@ -14,8 +14,9 @@ from volatool.errors import InputError, OptionError, OutputExistsError
 from volatool.export.cells import Places, cell_chunks, channels_by_name
 from volatool.export.model import ExportOptions
 from volatool.export.registry import FORMATS, SUFFIXES, exporter_for, exporter_of
-from volatool.export.select import half_open, select
+from volatool.export.select import select
 from volatool.model import Bounds
+from volatool.vola.window import half_open
 
 
 def stored(volume, folder) -> Path:

@@ -282,3 +282,43 @@ def _epsg_of_wkt(wkt: str) -> int | None:
     except (ForeignCRSError, ProjError):
         return None
     return None if code is None else int(code)
+
+
+def las_wkt(crs: CrsInfo) -> str | None:
+    """
+    Return the WKT of a CRS for a LAS file.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        With WKT, or with a name that PROJ knows (files of the original toolkit have no more).
+
+    Returns
+    -------
+    wkt : str or None
+        WKT 1, as LAS 1.4 asks for, where it says the same; else WKT 2. None if there is no CRS.
+    """
+    try:
+        if crs.wkt2 is not None:
+            found = pyproj.CRS.from_wkt(crs.wkt2)
+        elif crs.horizontal is not None:
+            found = pyproj.CRS.from_user_input(crs.horizontal)
+        else:
+            return None
+    except ForeignCRSError:
+        return None
+    wanted = describe(found, crs.source)
+    with python_warnings.catch_warnings():
+        python_warnings.simplefilter("ignore")  # it may lose what we compare next
+        try:
+            wkt = str(found.to_wkt("WKT1_GDAL"))
+            if _is_alike(describe(pyproj.CRS.from_wkt(wkt), crs.source), wanted):
+                return wkt
+        except (ForeignCRSError, ProjError):
+            pass
+    return wanted.wkt2
+
+
+def _is_alike(a: CrsInfo, b: CrsInfo) -> bool:
+    names = ("horizontal", "vertical", "metres_per_unit_xy", "metres_per_unit_z", "is_geographic")
+    return all(getattr(a, name) == getattr(b, name) for name in names)
