@@ -102,10 +102,12 @@ def test_local_coordinates_begin_at_the_cube(tmp_path):
 
 def test_what_cannot_be_kept_is_told(tmp_path):
     _, warnings = exported(random_volume(2), tmp_path)
-    assert [warning.code for warning in warnings] == ["W_CRS_NOT_KEPT", "W_Z_UNIT"]
+    assert [warning.code for warning in warnings] == ["W_NO_CRS", "W_Z_UNIT"]
     assert "EPSG:2994" in warnings[0].message
     assert "divide z by 1.000002" in warnings[1].message
-    assert exported(random_volume(2, info=VolumeInfo()), tmp_path)[1] == ()
+    assert exported(random_volume(2, info=VolumeInfo()), tmp_path)[1][0].message.startswith(
+        "the volume has no CRS"
+    )
 
 
 def test_points_of_the_toolkit_are_middles_of_cells(tmp_path):

@@ -31,7 +31,7 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
     Returns
     -------
     warnings : list of CodedWarning
-        ``W_SHIFTED``, ``W_CRS_NOT_KEPT``, ``W_Z_UNIT``.
+        ``W_SHIFTED``, or ``W_NO_CRS`` and ``W_Z_UNIT``.
 
     Raises
     ------

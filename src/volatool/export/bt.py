@@ -5,10 +5,10 @@ from __future__ import annotations
 from volatool.cube import Cube
 from volatool.errors import CodedWarning, OptionError, ResourceError
 from volatool.export.model import ExportOptions, Target
-from volatool.export.placing import shift_of, shifted, with_extent, z_told
+from volatool.export.placing import shift_of, shifted, with_extent, z_told, z_unit
 from volatool.export.select import half_open
 from volatool.formats.octomap import HALF, encode_bt
-from volatool.formats.origin import origin_line
+from volatool.formats.origin import origin_lines
 from volatool.vola.volume import Volume
 
 MAX_LEVEL = 8
@@ -32,7 +32,7 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
     Returns
     -------
     warnings : list of CodedWarning
-        ``W_SHIFTED``.
+        ``W_SHIFTED``, or ``W_Z_UNIT``.
 
     Raises
     ------
@@ -64,12 +64,12 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
     data = encode_bt(
         cells,
         cube.cell(volume.depth),
-        comments=[*_told(volume, corner, bool(options.free)), origin_line(volume, corner)],
+        comments=[*_told(volume, corner, bool(options.free)), *origin_lines(volume, corner)],
         free_cube=(corner, n_cells) if options.free else None,
     )
     with target.stream() as stream:
         stream.write(data)
-    return [] if options.local is False else [shifted(volume, corner)]
+    return z_unit(volume) if options.local is False else [shifted(volume, corner)]
 
 
 def aligned_corner(cube: Cube, n_cells: int) -> tuple[int, int, int]:

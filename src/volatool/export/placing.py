@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from volatool.cube import Cube
 from volatool.errors import CodedWarning, OptionError
+from volatool.export.notes import no_crs
 from volatool.vola.volume import Volume
 
 
@@ -47,27 +48,25 @@ def z_told(volume: Volume) -> str:
 
 def not_kept(volume: Volume, what: str) -> list[CodedWarning]:
     """
-    Return what a format without room for a CRS loses, and how to give it back.
+    Return what a format without room for a CRS loses.
 
     Parameters
     ----------
     volume : Volume
-        What is exported, in coordinates of its CRS.
+        What is exported, in coordinates of its CRS, z in the horizontal unit.
     what : str
         The format.
     """
-    warnings = []
-    if volume.crs.horizontal is not None:
-        warnings.append(
-            CodedWarning(
-                "W_CRS_NOT_KEPT",
-                f"{what} has no room for a CRS; it is {volume.crs.horizontal}: give that to "
-                "whatever reads the file",
-            )
-        )
-    if volume.crs.z_ratio != 1:
-        unit = volume.crs.unit_xy or "the unit of x and y"
-        warnings.append(
-            CodedWarning("W_Z_UNIT", f"cells are cubes: heights are in {unit}{z_told(volume)}")
-        )
-    return warnings
+    if volume.crs.horizontal is None:
+        return no_crs(volume, None)
+    name = "+".join(part for part in (volume.crs.horizontal, volume.crs.vertical) if part)
+    told = f"{what} carries no CRS; the coordinates are in {name}"
+    return [CodedWarning("W_NO_CRS", told), *z_unit(volume)]
+
+
+def z_unit(volume: Volume) -> list[CodedWarning]:
+    """Tell of heights that are not in the unit of the volume's CRS."""
+    if volume.crs.z_ratio == 1:
+        return []
+    unit = volume.crs.unit_xy or "the unit of x and y"
+    return [CodedWarning("W_Z_UNIT", f"cells are cubes: heights are in {unit}{z_told(volume)}")]
