@@ -12,10 +12,10 @@ from making_volumes import CUBE, INFO, random_volume, volume_of
 import volatool as vt
 from volatool.cube import Cube
 from volatool.errors import OptionError, ResourceError
-from volatool.export.select import half_open
 from volatool.formats.binvox import parse_binvox
 from volatool.model import Bounds
 from volatool.vola.volume import VolumeInfo
+from volatool.vola.window import half_open
 
 
 def exported(volume, folder, **options):

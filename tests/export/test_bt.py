@@ -13,11 +13,11 @@ import volatool as vt
 from volatool.cube import Cube
 from volatool.errors import OptionError, ResourceError
 from volatool.export.placing import shift_of
-from volatool.export.select import half_open
 from volatool.formats.octomap import HALF, parse_bt
 from volatool.formats.origin import find_origin
 from volatool.vola.build import from_keys
 from volatool.vola.volume import VolumeInfo
+from volatool.vola.window import half_open
 
 CORNER = (0, 0, 0)
 DEEP = (-HALF,) * 3

@@ -7,10 +7,10 @@ import numpy as np
 from volatool.errors import CodedWarning, ResourceError
 from volatool.export.model import ExportOptions, Target
 from volatool.export.placing import not_kept, shifted, with_extent
-from volatool.export.select import half_open
 from volatool.formats.binvox import MAX_SIDE, encode_binvox
 from volatool.model import I32
 from volatool.vola.volume import Volume
+from volatool.vola.window import half_open
 
 
 def export(volume: Volume, target: Target, options: ExportOptions) -> list[CodedWarning]:

@@ -6,10 +6,10 @@ from volatool.cube import Cube
 from volatool.errors import CodedWarning, OptionError, ResourceError
 from volatool.export.model import ExportOptions, Target
 from volatool.export.placing import shift_of, shifted, with_extent, z_told, z_unit
-from volatool.export.select import half_open
 from volatool.formats.octomap import HALF, encode_bt
 from volatool.formats.origin import origin_lines
 from volatool.vola.volume import Volume
+from volatool.vola.window import half_open
 
 MAX_LEVEL = 8
 """Deepest level: 4**8 cells a side are the 65536 that OctoMap has."""

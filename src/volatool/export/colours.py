@@ -123,7 +123,8 @@ def linear(colours: Colours) -> Colours:
     """
     part = np.arange(256) / 255
     curve = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
-    return np.rint(curve * 255).astype(np.uint8)[colours]
+    table: Colours = np.rint(curve * 255).astype(np.uint8)
+    return table[colours]
 
 
 def labels_of(colours: Colours | None) -> NDArray[np.int64] | None:
