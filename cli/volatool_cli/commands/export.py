@@ -55,7 +55,7 @@ Examples:
     "--local/--world",
     default=None,
     help="Coordinates from the cube's corner, which single precision can hold, or those of the CRS "
-    "(ply, glb, nav2, bt).",
+    "(ply, glb, nav2, bt, binvox, vdb).",
 )
 @click.option("--free", is_flag=True, default=None, help="bt: the rest of the cube is free.")
 @click.option(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from volatool.cube import Cube
 from volatool.errors import CodedWarning, OptionError
+from volatool.export.cells import Places
 from volatool.export.notes import no_crs
 from volatool.vola.volume import Volume
 
@@ -35,6 +36,16 @@ def shifted(volume: Volume, corner: tuple[int, int, int]) -> CodedWarning:
         "W_SHIFTED",
         f"coordinates are local: add {x:.12g}, {y:.12g}, {z:.12g} for those of "
         f"{volume.crs.horizontal or 'the file'}{z_told(volume)}",
+    )
+
+
+def placed_locally(volume: Volume) -> CodedWarning:
+    """Return the message that coordinates begin at the cube, z in the vertical unit."""
+    x, y, z = Places.of(volume).origin
+    return CodedWarning(
+        "W_SHIFTED",
+        f"coordinates are local: add {x:.12g}, {y:.12g}, {z:.12g} for those of "
+        f"{volume.crs.horizontal or 'the file'}",
     )
 
 

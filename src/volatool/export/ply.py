@@ -13,7 +13,7 @@ from volatool.export.cells import Places, channels_by_name
 from volatool.export.colours import RGB, Colours, colours_of
 from volatool.export.model import ExportOptions, Target
 from volatool.export.notes import no_crs, unknown_channels
-from volatool.export.placing import with_extent
+from volatool.export.placing import placed_locally, with_extent
 from volatool.export.surface import placed, surface_of
 from volatool.formats.origin import origin_lines
 from volatool.vola.volume import Volume
@@ -67,7 +67,7 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
     with target.stream() as stream:
         data.write(stream)
     if is_local:
-        warnings.insert(0, _shifted(volume))
+        warnings.insert(0, placed_locally(volume))
     return no_crs(volume, volume.crs.horizontal) + warnings
 
 
@@ -126,12 +126,3 @@ def _comments(volume: Volume, is_local: bool) -> list[str]:
 
 def _ascii(line: str) -> str:
     return line.encode("ascii", "backslashreplace").decode()
-
-
-def _shifted(volume: Volume) -> CodedWarning:
-    x, y, z = Places.of(volume).origin
-    return CodedWarning(
-        "W_SHIFTED",
-        f"coordinates are local: add {x:.12g}, {y:.12g}, {z:.12g} for those of "
-        f"{volume.crs.horizontal or 'the file'}",
-    )

@@ -31,7 +31,7 @@ _ALL = (
     Exporter("npz", ".npz", "NumPy: coordinates, metadata, CRS; nothing is lost", "npz"),
     Exporter("bt", ".bt", "OctoMap binary tree", "bt", ("local", "free")),
     Exporter("binvox", ".binvox", "binvox run-length grid", "binvox", ("local", "limit")),
-    Exporter("vdb", ".vdb", "OpenVDB grid: Blender, Houdini (needs pyopenvdb)", "vdb"),
+    Exporter("vdb", ".vdb", "OpenVDB grid: Blender, Houdini", "vdb", ("local",)),
     Exporter("png", ".png", "pictures of the layers, placed for GIS", "png", ("slices", "limit")),
     Exporter(
         "nav2",
