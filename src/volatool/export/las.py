@@ -58,7 +58,7 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
             scale,  # type: ignore[arg-type]
             places.origin,
             has_colours=has_colours,
-            is_compressed=target.suffix == ".laz",
+            is_compressed=target.suffix.endswith(".laz"),
             wkt=wkt,
         )
         for chunk in cell_chunks(volume):

@@ -14,8 +14,11 @@ if TYPE_CHECKING:
     from volatool.vola.volume import Volume
 
 _ALL = (
-    Exporter("laz", ".laz", "voxel centres as compressed LAS 1.4", "las"),
-    Exporter("las", ".las", "voxel centres as LAS 1.4", "las"),
+    # not plain .laz: that is the tile which the volume was made from
+    Exporter(
+        "laz", ".voxels.laz", "voxel centres as compressed LAS 1.4", "las", suffixes=(".laz",)
+    ),
+    Exporter("las", ".voxels.las", "voxel centres as LAS 1.4", "las", suffixes=(".las",)),
     Exporter(
         "ply",
         ".ply",
@@ -38,7 +41,7 @@ _ALL = (
         ".yaml",
         "ROS 2 map_server occupancy map (pgm + yaml)",
         "nav2",
-        ("above", "ground", "local"),
+        ("above", "ground", "near", "local"),
         suffixes=(".pgm",),
     ),
     Exporter("c-array", ".h", "C header for a microcontroller", "c_array", ("name", "limit")),

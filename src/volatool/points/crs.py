@@ -298,14 +298,8 @@ def las_wkt(crs: CrsInfo) -> str | None:
     wkt : str or None
         WKT 1, as LAS 1.4 asks for, where it says the same; else WKT 2. None if there is no CRS.
     """
-    try:
-        if crs.wkt2 is not None:
-            found = pyproj.CRS.from_wkt(crs.wkt2)
-        elif crs.horizontal is not None:
-            found = pyproj.CRS.from_user_input(crs.horizontal)
-        else:
-            return None
-    except ForeignCRSError:
+    found = _found(crs)
+    if found is None:
         return None
     wanted = describe(found, crs.source)
     with python_warnings.catch_warnings():
@@ -317,6 +311,29 @@ def las_wkt(crs: CrsInfo) -> str | None:
         except (ForeignCRSError, ProjError):
             pass
     return wanted.wkt2
+
+
+def known_wkt(crs: CrsInfo) -> str | None:
+    """
+    Return the WKT 2 of a CRS, also of one of which only the code is known.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        As for `las_wkt`.
+    """
+    found = _found(crs)
+    return None if found is None else _wkt2(found)
+
+
+def _found(crs: CrsInfo) -> pyproj.CRS | None:
+    """Return a CRS by its WKT or its name; None if there is none, or PROJ does not know it."""
+    try:
+        if crs.wkt2 is not None:
+            return pyproj.CRS.from_wkt(crs.wkt2)
+        return None if crs.horizontal is None else pyproj.CRS.from_user_input(crs.horizontal)
+    except ForeignCRSError:
+        return None
 
 
 def _is_alike(a: CrsInfo, b: CrsInfo) -> bool:
