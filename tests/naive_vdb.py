@@ -25,8 +25,8 @@ class Reader:
 
     def bits(self, n):
         """Places of the bits set in a mask of n bits, ascending."""
-        mask = int.from_bytes(self.raw(n // 8), "little")
-        return [k for k in range(n) if mask >> k & 1]
+        data = self.raw(n // 8)
+        return [8 * i + k for i, byte in enumerate(data) if byte for k in range(8) if byte >> k & 1]
 
 
 def place(bit, bits):
