@@ -64,6 +64,47 @@ class BoundsType(Base):
             self.fail(f"{value!r} is not X0,Y0,X1,Y1 with X0 <= X1 and Y0 <= Y1", param, ctx)
 
 
+class RangeType(Base):
+    """``LOW,HIGH``, two numbers."""
+
+    name = "LOW,HIGH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a tuple of two floats."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            low, high = (float(part) for part in value.split(","))
+            if low <= high:
+                return low, high
+        except ValueError:
+            pass
+        self.fail(f"{value!r} is not LOW,HIGH with LOW <= HIGH", param, ctx)
+
+
+class LengthRangeType(Base):
+    """``LOW,HIGH``, two lengths; the lower one may be 0."""
+
+    name = "LOW,HIGH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a tuple of two `Length`."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            low, high = value.split(",")
+            return _length_or_zero(low), Length.parse(high)
+        except (OptionError, ValueError):
+            self.fail(f"{value!r} is not two lengths LOW,HIGH such as 0.2m,2m", param, ctx)
+
+
+def _length_or_zero(text: str) -> Length:
+    """Return a length that may be none."""
+    from fractions import Fraction
+
+    return Length(Fraction(0)) if text.strip() == "0" else Length.parse(text)
+
+
 class CodesType(Base):
     """Comma-separated whole numbers 0 to 255."""
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from volatool.api import classify, convert, stats
     from volatool.cube import Cube
     from volatool.emap.live import EMap
+    from volatool.export.api import export_volume
     from volatool.formats.registry import open_volume as open
     from volatool.model import Bounds
     from volatool.points.reader import stream
@@ -32,6 +33,7 @@ _PLACES = {
     "Volume": ("volatool.vola.volume", "Volume"),
     "classify": ("volatool.api", "classify"),
     "convert": ("volatool.api", "convert"),
+    "export_volume": ("volatool.export.api", "export_volume"),
     "open": ("volatool.formats.registry", "open_volume"),
     "stats": ("volatool.api", "stats"),
     "stream": ("volatool.points.reader", "stream"),
@@ -48,6 +50,7 @@ __all__ = [
     "__version__",
     "classify",
     "convert",
+    "export_volume",
     "open",
     "stats",
     "stream",
