@@ -1,4 +1,4 @@
-"""Numbers of other formats to the attributes of a `PointChunk`: ranges checked, fractions scaled."""
+"""Numbers of other formats to attributes of a `PointChunk`: ranges checked, fractions scaled."""
 
 from __future__ import annotations
 

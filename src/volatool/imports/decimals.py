@@ -1,4 +1,4 @@
-"""Integers for coordinates: the decimal scale and offset that keep them exact, or as fine as can be."""
+"""Integers for coordinates: the decimal scale and offset that keep them exact, or fine enough."""
 
 from __future__ import annotations
 

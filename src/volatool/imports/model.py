@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from volatool.cube import Cube
 from volatool.errors import CodedWarning
-from volatool.model import F64, U64
+from volatool.model import F64, U64, CrsInfo
 
 ATTRIBUTES: Mapping[str, tuple[int, Any]] = {
     "red": (65535, np.uint16),
@@ -115,12 +115,14 @@ class ImportedPoints:
         Names that each batch has.
     grid : (Cube, int) or None
         Cube and depth whose voxels the points are the centres of, z in the horizontal unit.
-    wkt : str or None
-        CRS that the file names.
+    crs : CrsInfo or None
+        What the file names.
     keeps_nan : bool
         A row of NaN is a point that is not there; it is left out and counted. Else it is an error.
     is_cubic : bool
         The file's unit of z is that of x and y (cells are cubes), whatever the CRS says.
+    is_final : bool
+        The grid is that of the options, and the points' axes are those of the volume.
     warnings : list of CodedWarning
         Grows while reading.
     toolkit : ToolkitPoints or None
@@ -131,9 +133,10 @@ class ImportedPoints:
     batches: Callable[[int], Iterator[Batch]]
     attributes: frozenset[str] = frozenset()
     grid: tuple[Cube, int] | None = None
-    wkt: str | None = None
+    crs: CrsInfo | None = None
     keeps_nan: bool = False
     is_cubic: bool = False
+    is_final: bool = False
     warnings: list[CodedWarning] = field(default_factory=list)
     toolkit: ToolkitPoints | None = None
 
@@ -177,6 +180,7 @@ def plain_toolkit(
 
     def bare(with_metadata: bool) -> Iterator[tuple[F64, U64 | None]]:
         for batch in batches(1 << 18):
-            yield batch.xyz, None
+            missing = np.isnan(batch.xyz).any(axis=1)  # as its reader of PCD leaves them out
+            yield batch.xyz[~missing] if missing.any() else batch.xyz, None
 
     return ToolkitPoints(0, bare, box)

@@ -67,9 +67,7 @@ def read(path: Path, options: ConvertOptions) -> ImportedPoints:
         def batches(n_rows: int) -> Iterator[Batch]:
             return _binary(columns, header, roles, packed, n_rows)
 
-    return ImportedPoints(
-        "pcd", batches, names, keeps_nan=True, toolkit=plain_toolkit(batches)
-    )
+    return ImportedPoints("pcd", batches, names, keeps_nan=True, toolkit=plain_toolkit(batches))
 
 
 def _roles(header: pcd.PcdHeader) -> tuple[dict[str, int], int | None]:

@@ -115,9 +115,7 @@ def read(path: Path, options: ConvertOptions) -> ImportedPoints:
         def batches(n_rows: int) -> Iterator[Batch]:
             return _ascii(path, header, vertex, roles, n_rows)
 
-    return ImportedPoints(
-        "ply", batches, names, keeps_nan=True, toolkit=plain_toolkit(batches)
-    )
+    return ImportedPoints("ply", batches, names, keeps_nan=True, toolkit=plain_toolkit(batches))
 
 
 def _header(path: Path) -> _Header:
@@ -258,7 +256,7 @@ def _surface(path: Path, header: _Header, options: ConvertOptions) -> ImportedPo
     face = header.find("face")
     if face is None or not face.count:
         raise OptionError(
-            f"{path.name}: has no faces for --mesh {options.mesh}; leave it out to take the vertices"
+            f"{path.name}: has no faces for --mesh {options.mesh}; without it vertices are taken"
         )
     data = _plyfile(path)
     vertices = np.column_stack([data["vertex"].data[axis].astype(np.float64) for axis in "xyz"])
@@ -276,4 +274,3 @@ def _triangles(polygons: NDArray[Any]) -> I64:
         same = np.stack(list(polygons[sizes == size])).astype(np.int64)
         fans += [same[:, [0, k, k + 1]] for k in range(1, int(size) - 1)]
     return np.concatenate(fans)
-

@@ -94,7 +94,7 @@ def importer_of(path: Path, name: str | None) -> Importer:
         if suffix in importer.suffixes:
             return importer
     if suffix in (".las", ".laz"):
-        raise FormatError(f"{path.name}: LAS and LAZ are read by `volatool convert`", "E_NOT_IMPORT")
+        raise FormatError(f"{path.name}: `volatool convert` reads LAS and LAZ", "E_NOT_IMPORT")
     raise FormatError(
         f"{path.name}: no importer takes {suffix or 'names without a suffix'}; there are "
         f"{', '.join(IMPORT_SUFFIXES)}, and --from FORMAT for other names",

@@ -1,4 +1,4 @@
-"""An imported file as a source of points: integers with a decimal scale, as LAS files store them."""
+"""An imported file as a source of points: integers with a decimal scale, as LAS files have."""
 
 from __future__ import annotations
 
@@ -54,13 +54,15 @@ class ImportSource:
     def __init__(self, path: Path, options: ConvertOptions) -> None:
         self.path, self.name = str(path), path.name
         self._path = path
-        self._swap = options.swap_yz
         self.points: ImportedPoints = read_points(path, options)
+        if options.compat is not None:  # it takes the numbers as they are, whatever their range
+            self.points.attributes = frozenset()
         self.format = self.points.format
+        self._swap = options.swap_yz and not self.points.is_final
         self.warnings: list[CodedWarning] = []
         self.crs: CrsInfo = self._crs(options)
         self._z_divisor = float(self.crs.z_ratio) if self.points.is_cubic else 1.0
-        self.own_grid: tuple[Cube, int] | None = self._own_grid()
+        self.own_grid: tuple[Cube, int] | None = self._own_grid(options)
         self._n_missing = 0
         self._surveys = {name: AttributeSurvey(name) for name in sorted(self.points.attributes)}
         axes = self._survey()
@@ -225,8 +227,12 @@ class ImportSource:
             warnings=(),
         )
 
-    def _own_grid(self) -> tuple[Cube, int] | None:
-        if self.points.grid is None or not self._swap:
+    def _own_grid(self, options: ConvertOptions) -> tuple[Cube, int] | None:
+        """Return the grid that the file has, unless another cube is asked for."""
+        is_asked = options.cube != "auto" or options.snap or options.split is not None
+        if self.points.grid is None or (is_asked and not self.points.is_final):
+            return None
+        if not self._swap:
             return self.points.grid
         cube, depth = self.points.grid
         x, y, z, side = cube.exact
@@ -238,8 +244,8 @@ class ImportSource:
 
         if options.crs is not None:
             return crs_from_user(options.crs)
-        if self.points.wkt is not None:
-            return crs_from_user(self.points.wkt, "wkt")
+        if self.points.crs is not None and self.points.crs.wkt2 is not None:
+            return self.points.crs
         if options.crs_default is not None:
             return crs_from_user(options.crs_default, "default")
         text = "the file names no CRS (--crs gives one); lengths are in file units"

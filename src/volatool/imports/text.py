@@ -56,8 +56,17 @@ class Layout:
 
 
 @dataclass(frozen=True, slots=True)
-class _Block:
-    """Whole lines of the file, the first of which has this number."""
+class Block:
+    """
+    Whole lines of a file.
+
+    Parameters
+    ----------
+    data : bytes
+        The lines.
+    first_line : int
+        Number of the first, from 1.
+    """
 
     data: bytes
     first_line: int
@@ -132,7 +141,9 @@ def _layout(path: Path) -> Layout:
                 )
             names = _names(words)
         at += len(line)
-    raise FormatError("has no line of numbers" + ("" if is_all else " near its start"), "E_NOT_IMPORT")
+    raise FormatError(
+        "has no line of numbers" + ("" if is_all else " near its start"), "E_NOT_IMPORT"
+    )
 
 
 def _words(line: bytes) -> tuple[list[str], bytes | None]:
@@ -173,8 +184,22 @@ def _number(word: str) -> float:
     return float(word)
 
 
-def _blocks(path: Path, start: int, first_line: int) -> Iterator[_Block]:
-    """Yield the file from a byte on in blocks of whole lines."""
+def blocks(path: Path, start: int, first_line: int) -> Iterator[Block]:
+    """
+    Yield a file in blocks of whole lines.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    start, first_line : int
+        Byte and line to begin with.
+
+    Raises
+    ------
+    FormatError
+        A line is longer than `BLOCK_BYTES`.
+    """
     with path.open("rb") as file:
         file.seek(start)
         rest, line = b"", first_line
@@ -195,7 +220,7 @@ def _blocks(path: Path, start: int, first_line: int) -> Iterator[_Block]:
                 rest = b""
             if b"\r" in block and b"\n" not in block:
                 block = block.replace(b"\r", b"\n")
-            yield _Block(block, line)
+            yield Block(block, line)
             line += block.count(b"\n")
 
 
@@ -220,7 +245,7 @@ def table_batches(
     """
     places = [*columns.axes, *columns.attributes.values()]
     start = 0
-    for block in _blocks(path, layout.data_start, layout.first_line):
+    for block in blocks(path, layout.data_start, layout.first_line):
         if limit is not None:
             block = _first_rows(block, limit - start)
         table = _table(block, layout.delimiter, places, columns.n_needed)
@@ -234,7 +259,7 @@ def table_batches(
             return
 
 
-def _first_rows(block: _Block, n_rows: int) -> _Block:
+def _first_rows(block: Block, n_rows: int) -> Block:
     """Return a block without the lines behind its first rows."""
     if block.data.count(b"\n") < n_rows:
         return block
@@ -246,10 +271,10 @@ def _first_rows(block: _Block, n_rows: int) -> _Block:
         at += len(line) + 1
         text = line.strip()
         n_rows -= bool(text) and not text.startswith(_COMMENTS)
-    return _Block(block.data[:at], block.first_line)
+    return Block(block.data[:at], block.first_line)
 
 
-def _table(block: _Block, delimiter: bytes | None, places: list[int], n_needed: int) -> F64:
+def _table(block: Block, delimiter: bytes | None, places: list[int], n_needed: int) -> F64:
     """Return the columns asked for, in their order, of all rows of a block."""
     is_plain = not any(mark in block.data for mark in _COMMENTS) and b"_" not in block.data
     if is_plain:
@@ -274,11 +299,11 @@ def _table(block: _Block, delimiter: bytes | None, places: list[int], n_needed: 
             rows.append([_number(words[place]) for place in places])
         except ValueError as error:
             shown = " ".join(words)[:60]
-            raise FormatError(f"line {number}: {shown!r} has what is no number ({error})") from error
+            raise FormatError(f"line {number}: {shown!r} ({error})") from error
     return np.array(rows, np.float64).reshape(-1, len(places))
 
 
-def _rows(block: _Block, delimiter: bytes | None) -> Iterator[tuple[int, list[str]]]:
+def _rows(block: Block, delimiter: bytes | None) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number and the fields of each line with numbers."""
     for number, line in enumerate(block.data.split(b"\n"), block.first_line):
         text = line.strip()
@@ -288,7 +313,7 @@ def _rows(block: _Block, delimiter: bytes | None) -> Iterator[tuple[int, list[st
         yield number, [field.decode("latin-1").strip().strip("\"'") for field in fields]
 
 
-def _lines_of(block: _Block, start: int) -> Callable[[int], str]:
+def _lines_of(block: Block, start: int) -> Callable[[int], str]:
     """Return what names the line of a row of a block whose first row has this number."""
 
     def where(row: int) -> str:
@@ -301,7 +326,7 @@ def _lines_of(block: _Block, start: int) -> Callable[[int], str]:
 
 
 def _toolkit(path: Path, layout: Layout, kind: str) -> ToolkitPoints:
-    """Return what the toolkit makes of the columns: numbers as they stand, the first of txt scaled."""
+    """Return what the toolkit makes of the columns: as they stand, but for the first of txt."""
     # its txt converter takes the first line for a header, whatever it says
     start, first = (layout.data_start, layout.first_line) if kind == "xyz" else _second_line(path)
     n_channels = layout.n_columns - 3
@@ -315,8 +340,8 @@ def _toolkit(path: Path, layout: Layout, kind: str) -> ToolkitPoints:
             )
         places = list(range(3 + (n_channels if with_metadata else 0)))
         row = 0
-        for block in _blocks(path, start, first):
-            block = _Block(block.data.replace(b",", b" "), block.first_line)
+        for block in blocks(path, start, first):
+            block = Block(block.data.replace(b",", b" "), block.first_line)
             table = _table(block, None, places, len(places))
             words = None
             if with_metadata:

@@ -57,9 +57,7 @@ def build(
         )
     has_words = with_metadata and taken.n_channels > 0
     box = taken.box if taken.box is not None else _box(taken.batches(False))
-    builder = ToolkitBuilder(
-        depth, box, with_metadata=has_words, epsg=epsg, lat=lat, lon=lon
-    )
+    builder = ToolkitBuilder(depth, box, with_metadata=has_words, epsg=epsg, lat=lat, lon=lon)
     for xyz, words in taken.batches(has_words):
         builder.add_points(xyz[:, [0, 2, 1]] if swap_yz else xyz, words)
     return builder.finish()
