@@ -251,6 +251,8 @@ class TileScanner:
         if self.options.split is not None or not self.with_volume:
             return None
         header, crs = self.source.header, self.source.crs
+        if self.source.own_grid is not None:
+            return self.source.own_grid[0]
         corners = box_corners(box, header.scale, header.offset, crs.z_ratio)
         side = None
         if self.options.cube != "auto":
