@@ -89,11 +89,15 @@ def _loaded(path: Path, name: str) -> tuple[F64, I64]:
 
 
 def _check_stl(path: Path) -> None:
-    """Refuse a binary file that ends before its triangles do."""
+    """Refuse a file that ends before its triangles do."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(1024)
+        file.seek(max(0, size - 1024))
+        tail = file.read()
     if head.lstrip()[:5].lower() == b"solid" and (b"facet" in head.lower() or b"\0" not in head):
+        if b"endsolid" not in tail.lower():
+            raise TruncatedError(f"ends at byte {size} without its line endsolid")
         return
     if len(head) < _STL_HEADER:
         raise TruncatedError(f"ends at byte {size}, inside its header of {_STL_HEADER} bytes")
