@@ -93,16 +93,22 @@ class LengthRangeType(Base):
             return value
         try:
             low, high = value.split(",")
-            return _length_or_zero(low), Length.parse(high)
+            return Length.parse(low, or_zero=True), Length.parse(high)
         except (OptionError, ValueError):
             self.fail(f"{value!r} is not two lengths LOW,HIGH such as 0.2m,2m", param, ctx)
 
 
-def _length_or_zero(text: str) -> Length:
-    """Return a length that may be none."""
-    from fractions import Fraction
+class LengthOrZeroType(Base):
+    """A length that may be 0."""
 
-    return Length(Fraction(0)) if text.strip() == "0" else Length.parse(text)
+    name = "LENGTH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a `Length`."""
+        try:
+            return Length.parse(value, or_zero=True)
+        except OptionError as error:
+            self.fail(str(error), param, ctx)
 
 
 class CodesType(Base):

@@ -12,12 +12,12 @@ from making_volumes import CRS, INFO, random_volume, same, volume_of
 import volatool as vt
 from volatool.cube import Cube
 from volatool.errors import OptionError, ResourceError
-from volatool.export.bt import shift_of
-from volatool.export.select import half_open
+from volatool.export.placing import shift_of
 from volatool.formats.octomap import HALF, parse_bt
 from volatool.formats.origin import find_origin
 from volatool.vola.build import from_keys
 from volatool.vola.volume import VolumeInfo
+from volatool.vola.window import half_open
 
 CORNER = (0, 0, 0)
 DEEP = (-HALF,) * 3

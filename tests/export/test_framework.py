@@ -14,8 +14,9 @@ from volatool.errors import InputError, OptionError, OutputExistsError
 from volatool.export.cells import Places, cell_chunks, channels_by_name
 from volatool.export.model import ExportOptions
 from volatool.export.registry import FORMATS, SUFFIXES, exporter_for, exporter_of
-from volatool.export.select import half_open, select
+from volatool.export.select import select
 from volatool.model import Bounds
+from volatool.vola.window import half_open
 
 
 def stored(volume, folder) -> Path:
@@ -76,7 +77,13 @@ def test_options_that_mean_nothing_are_refused(tmp_path):
     volume = random_volume()
     with pytest.raises(OptionError, match="--slices means nothing for --to vol"):
         vt.export_volume(volume, tmp_path / "a.vol", slices="top")
-    for wrong in ({"colour": "pink"}, {"z": (2.0, 1.0)}, {"limit": 0}, {"frobnicate": 1}):
+    for wrong in (
+        {"colour": "pink"},
+        {"z": (2.0, 1.0)},
+        {"limit": 0},
+        {"frobnicate": 1},
+        {"bounds": "x"},
+    ):
         with pytest.raises(OptionError):
             vt.export_volume(volume, tmp_path / "a.vol", **wrong)
     with pytest.raises(OptionError, match="give --to"):
@@ -132,6 +139,13 @@ def test_selection_keeps_the_cells_that_meet_the_box():
     assert 0 < keep.sum() < len(keep)
     assert np.array_equal(chosen.voxels(), volume.voxels()[keep])
     assert np.array_equal(chosen.metadata(), volume.metadata()[keep])
+
+
+def test_values_may_be_text():
+    given = ExportOptions(bounds="0,1,2,3", above=("0", "2ft"), near="0", limit="1k")
+    assert given.bounds == Bounds(0, 1, 2, 3) == ExportOptions(bounds=(0, 1, 2, 3)).bounds
+    assert [str(length) for length in (*given.above, given.near)] == ["0", "2ft", "0"]
+    assert given.limit == 1024
 
 
 @pytest.mark.parametrize("quantizer", ["floor", "unknown"])

@@ -8,9 +8,9 @@ import pytest
 from making_volumes import random_volume
 
 from volatool.errors import FormatError
-from volatool.formats.origin import find_origin, origin_line
+from volatool.formats.origin import find_origin, origin_lines
 
-LINE = origin_line(random_volume(3), (1, -2, 3))
+(LINE,) = origin_lines(random_volume(3), (1, -2, 3))
 
 
 def changed(**values):
@@ -61,3 +61,13 @@ def test_a_line_that_makes_no_sense_is_refused(line):
     with pytest.raises(FormatError, match="line of volatool makes no sense") as caught:
         find_origin([line])
     assert len(str(caught.value)) < 400
+
+
+def test_long_comments_are_cut_and_put_together_again():
+    lines = origin_lines(random_volume(3), (1, -2, 3), width=99)
+    assert len(lines) > 5
+    assert max(map(len, lines)) == 99
+    origin = find_origin(["first", *lines, "more", "volatool+ignored"])
+    assert origin == find_origin([LINE])
+    with pytest.raises(FormatError, match="no sense"):
+        find_origin([*lines[:3], *lines[4:]])

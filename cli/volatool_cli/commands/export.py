@@ -9,14 +9,14 @@ import click
 from volatool.export.model import COLOURS, SHAPES, SLICES
 from volatool.export.registry import FORMATS
 from volatool_cli import options
-from volatool_cli.params import BoundsType, LengthRangeType, RangeType, SizeType
+from volatool_cli.params import BoundsType, LengthOrZeroType, LengthRangeType, RangeType, SizeType
 
 _WIDTH = max(map(len, FORMATS)) + 2
 _LIST = "\n".join(f"  {name:{_WIDTH}}{one.title}" for name, one in FORMATS.items())
 _HELP = f"""Write a volume in another format: all of it, a coarser level, or a part.
 
 The output lies beside FILE, with the suffix of the format; its path is printed (of several
-files one a line).
+files one a line). Points are called tile.voxels.laz: tile.laz is what the volume was made from.
 
 \b
 Formats:
@@ -25,7 +25,7 @@ Formats:
 \b
 Examples:
   volatool export tile.vol.gz --to laz
-  volatool export tile.vol.gz --to nav2 --above 0.2m,2m -o map.yaml
+  volatool export tile.vol.gz --to nav2 --above 0.5m,5m -o map.yaml
   volatool export tile.vol.gz --to png --level 3 --slices top
 """
 
@@ -55,7 +55,7 @@ Examples:
     "--local/--world",
     default=None,
     help="Coordinates from the cube's corner, which single precision can hold, or those of the CRS "
-    "(ply, glb, nav2, bt).",
+    "(ply, glb, nav2, bt, binvox, vdb).",
 )
 @click.option("--free", is_flag=True, default=None, help="bt: the rest of the cube is free.")
 @click.option(
@@ -78,6 +78,11 @@ Examples:
     type=click.Path(dir_okay=False),
     metavar="DEM.tif",
     help="nav2: the ground.  [default: the lowest voxels around]",
+)
+@click.option(
+    "--near",
+    type=LengthOrZeroType(),
+    help="nav2: how far from ground that was seen an empty column is free.  [default: 0.5m]",
 )
 @click.option("--name", metavar="WORD", help="c-array: what the array is called.")
 @click.option("--dense", is_flag=True, default=None, help="vol1: the dense form.")

@@ -73,12 +73,16 @@ def export_volume(
         raise OptionError(f"{path}: is the input; give the output another name with --output")
     refuse_existing([path], overwrite)
     whole = volume if isinstance(volume, Volume) else open_volume(volume)
+    if path.exists() and path.name == whole.info.source_name:
+        raise OptionError(
+            f"{path}: is called as what the volume was made from; give another name with --output"
+        )
     chosen = select(whole, checked)
     if not len(chosen):
         raise InputError(
             f"{source or 'the volume'}: no voxel is selected; it has {len(whole):,} in "
-            f"x {whole.bounds.left:g} to {whole.bounds.right:g}, "
-            f"y {whole.bounds.bottom:g} to {whole.bounds.top:g}",
+            f"x {whole.bounds.left:.10g} to {whole.bounds.right:.10g}, "
+            f"y {whole.bounds.bottom:.10g} to {whole.bounds.top:.10g}",
             "E_EMPTY",
         )
     with OutputSet(overwrite) as outputs:
@@ -124,7 +128,7 @@ def output_path(source: Path | None, output: Path | None, exporter: Exporter) ->
     --------
     >>> from volatool.export.registry import FORMATS
     >>> output_path(Path("a/tile.vol.gz"), None, FORMATS["laz"]).as_posix()
-    'a/tile.laz'
+    'a/tile.voxels.laz'
     """
     if output is not None and not output.is_dir():
         if not output.name:

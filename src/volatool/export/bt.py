@@ -5,10 +5,11 @@ from __future__ import annotations
 from volatool.cube import Cube
 from volatool.errors import CodedWarning, OptionError, ResourceError
 from volatool.export.model import ExportOptions, Target
-from volatool.export.select import half_open
+from volatool.export.placing import shift_of, shifted, with_extent, z_told, z_unit
 from volatool.formats.octomap import HALF, encode_bt
-from volatool.formats.origin import origin_line
+from volatool.formats.origin import origin_lines
 from volatool.vola.volume import Volume
+from volatool.vola.window import half_open
 
 MAX_LEVEL = 8
 """Deepest level: 4**8 cells a side are the 65536 that OctoMap has."""
@@ -31,7 +32,7 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
     Returns
     -------
     warnings : list of CodedWarning
-        ``W_SHIFTED``.
+        ``W_SHIFTED``, or ``W_Z_UNIT``.
 
     Raises
     ------
@@ -63,23 +64,12 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
     data = encode_bt(
         cells,
         cube.cell(volume.depth),
-        comments=[*_told(volume, corner, bool(options.free)), origin_line(volume, corner)],
+        comments=[*_told(volume, corner, bool(options.free)), *origin_lines(volume, corner)],
         free_cube=(corner, n_cells) if options.free else None,
     )
     with target.stream() as stream:
         stream.write(data)
-    return [] if options.local is False else [shifted(volume, corner)]
-
-
-def with_extent(volume: Volume, what: str) -> Cube:
-    """Return the cube; refuse one without an edge, in which cells have none."""
-    if not volume.cube.side > 0:
-        raise OptionError(
-            f"the cube has no extent (all points are in one place), and {what} needs cells with an "
-            "edge; convert with --cube LENGTH",
-            "E_CUBE",
-        )
-    return volume.cube
+    return z_unit(volume) if options.local is False else [shifted(volume, corner)]
 
 
 def aligned_corner(cube: Cube, n_cells: int) -> tuple[int, int, int]:
@@ -115,32 +105,6 @@ def aligned_corner(cube: Cube, n_cells: int) -> tuple[int, int, int]:
     return x, y, z
 
 
-def shift_of(volume: Volume, corner: tuple[int, int, int]) -> tuple[float, float, float]:
-    """Return what is added to local coordinates for those of the CRS, z in the horizontal unit."""
-    cell = volume.cube.exact[3] / 4**volume.depth
-    x, y, z = (
-        float(value - at * cell) for value, at in zip(volume.cube.exact[:3], corner, strict=True)
-    )
-    return x, y, z
-
-
-def shifted(volume: Volume, corner: tuple[int, int, int]) -> CodedWarning:
-    """Return the message that coordinates are local."""
-    x, y, z = shift_of(volume, corner)
-    return CodedWarning(
-        "W_SHIFTED",
-        f"coordinates are local: add {x:.12g}, {y:.12g}, {z:.12g} for those of "
-        f"{volume.crs.horizontal or 'the file'}{_z_told(volume)}; the file says it too",
-    )
-
-
-def _z_told(volume: Volume) -> str:
-    ratio = volume.crs.z_ratio
-    if ratio == 1:
-        return ""
-    return f", and divide z by {float(ratio):.12g} for {volume.crs.unit_z or 'its own unit'}"
-
-
 def _told(volume: Volume, corner: tuple[int, int, int], is_free: bool) -> list[str]:
     """Return the lines for people."""
     x, y, z = shift_of(volume, corner)
@@ -149,5 +113,5 @@ def _told(volume: Volume, corner: tuple[int, int, int], is_free: bool) -> list[s
     return [
         f"voxels of level {volume.depth} of a VOLA volume, {unit}; what is not occupied is {rest}",
         f"coordinates of {volume.crs.horizontal or 'the source'}: add {x!r} {y!r} {z!r}"
-        f"{_z_told(volume)}",
+        f"{z_told(volume)}",
     ]

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from volatool.errors import OptionError
 from volatool.outputs import OutputSet
+from volatool.units import Length, parse_size
 
 if TYPE_CHECKING:
     from volatool.errors import CodedWarning
     from volatool.model import Bounds
-    from volatool.units import Length
 
 SHAPES = ("points", "cubes")
 COLOURS = ("auto", "rgb", "height", "intensity", "class", "none")
@@ -59,6 +59,8 @@ class ExportOptions:
     """
     What is exported and how; None is the format's own default.
 
+    Lengths and sizes may be given as text (``"0.2m"``, ``"64M"``), bounds as four numbers.
+
     Parameters
     ----------
     level : int, optional
@@ -83,6 +85,8 @@ class ExportOptions:
         Lowest and highest obstacle above the ground (nav2).
     ground : str, optional
         Elevation model that is the ground (nav2).
+    near : Length, optional
+        How far from ground that was seen empty columns count as free (nav2).
     name : str, optional
         Identifier of the array (c-array).
     dense : bool, optional
@@ -102,19 +106,41 @@ class ExportOptions:
     slices: str | None = None
     above: tuple[Length, Length] | None = None
     ground: str | None = None
+    near: Length | None = None
     name: str | None = None
     dense: bool | None = None
     limit: int | None = None
 
     def __post_init__(self) -> None:
+        self._parse()
         for field, words in (("shape", SHAPES), ("colour", COLOURS), ("slices", SLICES)):
             value = getattr(self, field)
             if value is not None and value not in words:
                 raise OptionError(f"{field} is {value!r}, expected one of {', '.join(words)}")
         if self.z is not None and not self.z[0] <= self.z[1]:
             raise OptionError(f"z must be LOW,HIGH with LOW <= HIGH, got {self.z}")
-        if self.limit is not None and self.limit <= 0:
-            raise OptionError(f"limit is {self.limit}, expected bytes greater than 0")
+        if self.above is not None:
+            low, high = self.above
+            if low.unit == high.unit and low.value > high.value:
+                raise OptionError(f"above must be LOW,HIGH with LOW <= HIGH, got {low},{high}")
+
+    def _parse(self) -> None:
+        """Make values of what was given as text or as plain numbers."""
+        if self.bounds is not None:
+            object.__setattr__(self, "bounds", _bounds(self.bounds))
+        if self.above is not None:
+            low, high = self.above
+            pair = (Length.parse(low, or_zero=True), Length.parse(high))
+            object.__setattr__(self, "above", pair)
+        if self.near is not None:
+            object.__setattr__(self, "near", Length.parse(self.near, or_zero=True))
+        if self.limit is not None:
+            object.__setattr__(self, "limit", parse_size(self.limit))
+
+    @property
+    def has_selection(self) -> bool:
+        """Whether not all of the volume is exported."""
+        return (self.level, self.bounds, self.z) != (None, None, None)
 
     def check(self, exporter: Exporter) -> None:
         """
@@ -130,6 +156,20 @@ class ExportOptions:
                 continue
             if getattr(self, field.name) is not None:
                 raise OptionError(f"--{field.name} means nothing for --to {exporter.name}")
+
+
+def _bounds(value: Any) -> Bounds:
+    """Return bounds that are given as such, as four numbers or as text."""
+    from volatool.model import Bounds
+
+    if isinstance(value, Bounds):
+        return value
+    numbers = value.split(",") if isinstance(value, str) else value
+    try:
+        left, bottom, right, top = map(float, numbers)
+        return Bounds(left, bottom, right, top)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"bounds must be X0,Y0,X1,Y1 with X0 <= X1, got {value!r}") from error
 
 
 class Target:
@@ -149,7 +189,7 @@ class Target:
 
     Attributes
     ----------
-    path, suffix
+    path, suffix, source
         As given.
     stem : str
         Name of the output without the suffix.
@@ -159,7 +199,8 @@ class Target:
         self, outputs: OutputSet, path: Path, suffix: str, source: Path | None = None
     ) -> None:
         self.path, self.suffix = path, suffix
-        self._outputs, self._source = outputs, source
+        self.source = source
+        self._outputs = outputs
         has_suffix = path.name.lower().endswith(suffix) and len(path.name) > len(suffix)
         self.stem = path.name[: -len(suffix)] if has_suffix else path.name
 
@@ -182,7 +223,7 @@ class Target:
             It exists and must not be overwritten, or it is the input.
         """
         path = self.name(ending)
-        if self._source is not None and is_same(path, self._source):
+        if self.source is not None and is_same(path, self.source):
             raise OptionError(f"{path}: is the input; give the output another name with --output")
         return self._outputs.add(path)
 

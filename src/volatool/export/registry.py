@@ -14,8 +14,11 @@ if TYPE_CHECKING:
     from volatool.vola.volume import Volume
 
 _ALL = (
-    Exporter("laz", ".laz", "voxel centres as compressed LAS 1.4", "las"),
-    Exporter("las", ".las", "voxel centres as LAS 1.4", "las"),
+    # not plain .laz: that is the tile which the volume was made from
+    Exporter(
+        "laz", ".voxels.laz", "voxel centres as compressed LAS 1.4", "las", suffixes=(".laz",)
+    ),
+    Exporter("las", ".voxels.las", "voxel centres as LAS 1.4", "las", suffixes=(".las",)),
     Exporter(
         "ply",
         ".ply",
@@ -30,15 +33,15 @@ _ALL = (
     Exporter("npy", ".npy", "NumPy: a dense window, or coordinates", "npy", ("sparse", "limit")),
     Exporter("npz", ".npz", "NumPy: coordinates, metadata, CRS; nothing is lost", "npz"),
     Exporter("bt", ".bt", "OctoMap binary tree", "bt", ("local", "free")),
-    Exporter("binvox", ".binvox", "binvox run-length grid", "binvox", ("limit",)),
-    Exporter("vdb", ".vdb", "OpenVDB grid: Blender, Houdini (needs pyopenvdb)", "vdb"),
+    Exporter("binvox", ".binvox", "binvox run-length grid", "binvox", ("local", "limit")),
+    Exporter("vdb", ".vdb", "OpenVDB grid: Blender, Houdini", "vdb", ("local",)),
     Exporter("png", ".png", "pictures of the layers, placed for GIS", "png", ("slices", "limit")),
     Exporter(
         "nav2",
         ".yaml",
         "ROS 2 map_server occupancy map (pgm + yaml)",
         "nav2",
-        ("above", "ground", "local"),
+        ("above", "ground", "near", "local"),
         suffixes=(".pgm",),
     ),
     Exporter("c-array", ".h", "C header for a microcontroller", "c_array", ("name", "limit")),

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-from volatool.cube import Cube
 from volatool.export.model import ExportOptions
 from volatool.vola.volume import Volume
+from volatool.vola.window import half_open
 
 
 def select(volume: Volume, options: ExportOptions) -> Volume:
@@ -38,30 +36,3 @@ def select(volume: Volume, options: ExportOptions) -> Volume:
 
         volume = crop(volume, options.bounds, z=options.z)
     return volume
-
-
-def half_open(volume: Volume) -> Volume:
-    """
-    Return a volume of rounded points as one of half-open cells around them.
-
-    Parameters
-    ----------
-    volume : Volume
-        Of any quantizer.
-
-    Returns
-    -------
-    volume : Volume
-        The same words. The original toolkit rounds to S = 4**depth points a side, side / (S - 1)
-        apart: the middles of the cells of a cube of S / (S - 1) times the side, half a step lower.
-        Only such a cube can be divided more coarsely.
-    """
-    if volume.info.quantizer == "floor":
-        return volume
-    *origin, side = volume.cube.exact
-    n_cells = 4**volume.depth
-    step = side / (n_cells - 1)
-    cube = Cube.from_exact([corner - step / 2 for corner in origin], step * n_cells)
-    return Volume(
-        volume.levels, volume.metadata_levels, cube, replace(volume.info, quantizer="floor")
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from volatool.formats import trailer
 from volatool.vola.info import VolumeInfo
 from volatool.vola.volume import Volume
 
-_SIGN = "volatool "
+_SIGN, _MORE = "volatool ", "volatool+"
 _LIMIT = 1 << 40
 """Voxels that a file's corner may be away from its zero."""
 
@@ -40,7 +41,9 @@ class Origin:
     info: VolumeInfo
 
 
-def origin_line(volume: Volume, corner: Sequence[int] = (0, 0, 0)) -> str:
+def origin_lines(
+    volume: Volume, corner: Sequence[int] = (0, 0, 0), width: int | None = None
+) -> list[str]:
     """
     Return the comment.
 
@@ -50,15 +53,21 @@ def origin_line(volume: Volume, corner: Sequence[int] = (0, 0, 0)) -> str:
         What the file holds, half-open cells.
     corner : sequence of 3 int
         As `Origin.corner`.
+    width : int, optional
+        Longest line; some readers have a limit.
 
     Returns
     -------
-    line : str
-        ``volatool`` and a JSON object in ASCII: the trailer's, with ``depth`` and ``corner``.
+    lines : list of str
+        ``volatool`` and a JSON object in ASCII: the trailer's, with ``depth`` and ``corner``. What
+        does not fit a line goes on in the next ones, after ``volatool+``.
     """
     content = json.loads(trailer.describe(volume, [len(words) for words in volume.levels]))
     content |= {"depth": volume.depth, "corner": [int(value) for value in corner]}
-    return _SIGN + json.dumps(content, sort_keys=True, separators=(",", ":"))
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    step = len(text) if width is None else width - len(_MORE)
+    pieces = [text[start : start + step] for start in range(0, len(text), step)]
+    return [_SIGN + pieces[0], *(_MORE + piece for piece in pieces[1:])]
 
 
 def find_origin(comments: Sequence[str]) -> Origin | None:
@@ -80,9 +89,10 @@ def find_origin(comments: Sequence[str]) -> Origin | None:
     FormatError
         ``E_CORRUPT``: there is a line of ours that makes no sense.
     """
-    for comment in comments:
+    for i, comment in enumerate(comments):
         if comment.startswith(_SIGN + "{"):
-            return _origin(comment.removeprefix(_SIGN))
+            more = itertools.takewhile(lambda line: line.startswith(_MORE), comments[i + 1 :])
+            return _origin("".join(line[len(_SIGN) :] for line in (comment, *more)))
     return None
 
 
