@@ -78,7 +78,9 @@ def small_volume(tmp_path_factory):
 
     folder = tmp_path_factory.mktemp("volume")
     rng = np.random.default_rng(2)
-    np.savetxt(folder / "a.xyz", np.round(rng.uniform(0, 90, (300, 3)) + (5e5, 4e6, 30), 2))
+    low = np.array([5e5, 4e6, 30.0])
+    low = np.array([5e5, 4e6, 30.0])
+    np.savetxt(folder / "a.xyz", np.round(low + rng.uniform(0, 90, (300, 3)), 2))
     report = vt.import_points(folder / "a.xyz", folder, depth=3, crs="EPSG:26910+6360")
     volume = vt.open(report.paths[0])
     assert volume.crs.z_ratio != 1

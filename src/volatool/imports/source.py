@@ -21,6 +21,7 @@ from volatool.options import ConvertOptions
 from volatool.points.header import LasHeader
 from volatool.points.layout import RECORD_BYTES, dimensions_of
 from volatool.points.reader import CHUNK_POINTS, MAX_CHUNK_POINTS
+from volatool.reference import reference
 
 _LAS_HEADER_BYTES = 375
 _SURVEY_ROWS = 1 << 18
@@ -227,7 +228,8 @@ class ImportSource:
 
     def _own_grid(self, options: ConvertOptions) -> tuple[Cube, int] | None:
         """Return the grid that the file has, unless another cube is asked for."""
-        is_asked = options.cube != "auto" or options.snap or options.split is not None
+        is_asked = options.cube != "auto" or options.snap
+        is_asked |= options.split is not None or options.cube_from is not None
         if self.points.grid is None or (is_asked and not self.points.is_final):
             return None
         if not self._swap:
@@ -249,7 +251,7 @@ class ImportSource:
             self.warnings.append(CodedWarning("W_CUBE", text))
 
     def _crs(self, options: ConvertOptions) -> CrsInfo:
-        """Return the CRS: the override, what the file names, the default, or none."""
+        """Return the CRS: the override, what the file names, the default, that of ``cube_from``."""
         from volatool.points.crs import crs_from_user
 
         if options.crs is not None:
@@ -258,6 +260,8 @@ class ImportSource:
             return self.points.crs
         if options.crs_default is not None:
             return crs_from_user(options.crs_default, "default")
+        if options.cube_from is not None:  # numbers for that cube are in its units
+            return reference(options.cube_from).crs
         text = "the file names no CRS (--crs gives one); lengths are in file units"
         self.warnings.append(CodedWarning("W_NO_CRS", text))
         return CrsInfo()
