@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -35,6 +36,7 @@ _NOT_OF_THE_TOOLKIT = (
     "cube",
     "snap",
     "split",
+    "cube_from",
 )
 _FLAGS = {"classes": "class", "exclude_classes": "exclude-class"}
 
@@ -82,6 +84,8 @@ class ConvertOptions:
         Side of the cube, or ``"auto"``.
     snap : bool
         Cube corner on multiples of the side.
+    cube_from : str, optional
+        A VOLA file whose cube is used and, if no other option gives one, whose depth.
     split : Length, optional
         One volume per snapped cube of this side.
     depth : int, optional
@@ -164,6 +168,7 @@ class ConvertOptions:
     to_crs: str | None = None
     cube: Length | str = "auto"
     snap: bool = False
+    cube_from: str | None = None
     split: Length | None = None
     depth: int | None = None
     resolution: Length | None = None
@@ -229,6 +234,8 @@ class ConvertOptions:
             raise OptionError("--ell is for bending springs: --preset paper has none")
         if self.split is not None and (self.cube != "auto" or self.snap):
             raise OptionError("--split cuts into snapped cubes: leave out --cube and --snap")
+        if self.cube_from is not None:
+            self._check_cube_from()
         if self.split is not None and self.budget is not None:
             raise OptionError("--budget is for one volume: leave out --split")
         if self.compat == "toolkit":
@@ -237,6 +244,19 @@ class ConvertOptions:
         for name in ("breaklines", "water", "robust"):
             if getattr(self, name) and self.surface not in ("auto", "dtm", "dsm"):
                 raise OptionError(f"--{name} is for EMap surfaces, not --surface {self.surface}")
+
+    def _check_cube_from(self) -> None:
+        if not isinstance(self.cube_from, str | os.PathLike):
+            raise OptionError(f"cube_from must be the name of a VOLA file, got {self.cube_from!r}")
+        object.__setattr__(self, "cube_from", os.fspath(self.cube_from))
+        if self.cube != "auto" or self.snap or self.split is not None:
+            raise OptionError("--cube-from gives the cube: leave out --cube, --snap and --split")
+
+    @property
+    def takes_depth_from_volume(self) -> bool:
+        """Whether the depth is that of the volume of ``cube_from``."""
+        others = (self.depth, self.resolution, self.budget, self.depth_from)
+        return self.cube_from is not None and all(option is None for option in others)
 
     def _check_seams(self) -> None:
         """Refuse what can't be the same for all tiles of a set."""

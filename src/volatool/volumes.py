@@ -27,6 +27,7 @@ from volatool.occupancy import depth as rules
 from volatool.occupancy.levels import LevelRow, add_counts, level_rows
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet
+from volatool.reference import reference
 from volatool.units import format_size
 
 if TYPE_CHECKING:
@@ -62,8 +63,10 @@ class VolumePart:
     warnings: tuple[CodedWarning, ...]
 
 
-def check_dataset(options: ConvertOptions) -> None:
-    """Raise now if ``--depth-from`` names nothing of use."""
+def check_files(options: ConvertOptions) -> None:
+    """Raise now if ``--depth-from`` or ``--cube-from`` names nothing of use."""
+    if options.cube_from is not None:
+        reference(options.cube_from)
     if options.depth_from is not None:
         rules.dataset_depth(_dataset(options.depth_from), Cube((0.0, 0.0, 0.0), 1.0))
 
@@ -88,6 +91,8 @@ def depth_in_advance(options: ConvertOptions, crs: CrsInfo, cube: Cube) -> int |
         return rules.depth_for_resolution(cube, float(cell), options.max_depth)
     if options.depth_from is not None:
         return rules.dataset_depth(_dataset(options.depth_from), cube).depth
+    if options.takes_depth_from_volume:
+        return reference(options.cube_from or "").depth
     return None
 
 
@@ -239,6 +244,9 @@ def _choose(
         return rules.resolution_depth(cube, cell, options.max_depth, counts)
     if options.depth_from is not None:
         return rules.dataset_depth(_dataset(options.depth_from), cube, counts)
+    if options.takes_depth_from_volume:
+        found = reference(options.cube_from or "")
+        return rules.volume_depth(found.depth, found.name, cube, counts)
     if options.budget is not None:
         deepest = built.volume(built.deepest, info)
         bits = 2 if deepest.has_metadata else 1

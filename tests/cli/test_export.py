@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -143,3 +144,18 @@ def test_the_help_loads_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_python_of_the_page_runs(volatool, monkeypatch):
+    """Its bounds are those of the forest."""
+    page = (SAMPLES.parent / "docs" / "how-to" / "export.md").read_text()
+    blocks = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert len(blocks) == 2
+    monkeypatch.chdir(volatool.folder)
+    vt.convert("forest.laz", dem=False, dense="never", depth=4, resources=False)
+    Path("forest.vol.gz").rename("tile.vol.gz")
+    for block in blocks:
+        block = block.replace('("0.2m", "2m")', '("1m", "5m")')
+        exec(block, {"vt": vt})
+    assert Path("tile.yaml").exists()
+    assert laspy.read("part.laz").header.point_count > 100

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,6 +76,48 @@ def test_it_also_compiles_as_it_is_placed_by_others_and_as_a_later_c(tmp_path):
     place = '-DTOWN_STORAGE=static const __attribute__((section(".rodata.map")))'
     for flags in ([place], ["-std=c11", "-O2"], ["-Wshadow", "-Wconversion", "-Wundef"]):
         compiled(tmp_path, "town.h", True, flags)
+
+
+READER = """\
+#include <stdio.h>
+#define VOLA_IMPLEMENTATION
+#include "vola.h"
+#include "town.h"
+int main(void) {
+    static vola v;
+    static vola_iter it;
+    uint64_t word = 0;
+    if (vola_open(&v, town_vol, TOWN_VOL_SIZE, VOLA_CHECK_ALL) != VOLA_OK) return 1;
+    printf("%d %.17g %.17g\\n", v.depth, v.side, v.z_ratio);
+    vola_begin(&it, &v, TOWN_DEPTH);
+    while (vola_next(&it)) {
+        vola_iter_metadata(&it, &word);
+        printf("%d %d %d %llu\\n", it.x, it.y, it.z, (unsigned long long)word);
+    }
+    return 0;
+}
+"""
+EMBEDDED = Path(__file__).resolve().parents[2] / "embedded"
+
+
+@compiler
+@pytest.mark.skipif(not (EMBEDDED / "vola.h").exists(), reason="no embedded/vola.h")
+def test_the_reader_for_devices_reads_it(tmp_path):
+    volume = full_volume()
+    vt.export_volume(volume, tmp_path / "town.h")
+    (tmp_path / "main.c").write_text(READER)
+    command = ["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", f"-I{EMBEDDED}", "-o", "main"]
+    done = subprocess.run(
+        [*command, "main.c", "-lm"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    ran = subprocess.run([tmp_path / "main"], capture_output=True, text=True, check=True)
+    (depth, side, ratio), *rows = (line.split() for line in ran.stdout.splitlines())
+    assert (int(depth), float(side)) == (volume.depth, volume.cube.side)
+    assert float(ratio) == pytest.approx(float(volume.crs.z_ratio), rel=1e-15)
+    found = np.array(rows, np.uint64)
+    assert np.array_equal(found[:, :3], volume.voxels())
+    assert np.array_equal(found[:, 3], volume.metadata())
 
 
 def test_names_are_identifiers():

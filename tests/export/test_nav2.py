@@ -192,7 +192,7 @@ def test_what_makes_no_map_is_refused(tmp_path, monkeypatch):
     with pytest.raises(CRSError, match=r"--ground .*dem\.tif: is in Amersfoort"):
         vt.export_volume(scene(), tmp_path / "m.yaml", ground=other)
     low = ("0.1m", "0.5m")
-    with pytest.raises(InputError, match="voxels of 1 m can't tell what stands up to 0.5 m"):
+    with pytest.raises(InputError, match="voxels of 1 m can't tell"):
         vt.export_volume(scene(), tmp_path / "m.yaml", above=low)
     point = volume_of([(0, 0, 0)], 1, cube=Cube((0.0, 0.0, 0.0), 0.0), info=FULL)
     with pytest.raises(InputError, match="one place"):

@@ -15,7 +15,7 @@ from volatool.options import ConvertOptions
 from volatool.outputs import refuse_existing
 from volatool.report import Report
 from volatool.tile import convert_tile, planned_outputs
-from volatool.volumes import check_dataset
+from volatool.volumes import check_files
 
 logger = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ def run_inputs(
     OptionError
         Outputs that exist or collide, and options that fit no input, before any work.
     """
-    check_dataset(options)
+    check_files(options)
     if kind != "stats":
         refuse_collisions(paths, outdir)
         if kind == "classify":

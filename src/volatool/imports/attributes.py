@@ -100,9 +100,9 @@ def checked(batch: Batch, name: str, factor: int) -> NDArray[Any]:
     raw = batch.attributes[name]
     if raw.dtype.kind in "ub" and np.iinfo(dtype).max == largest and raw.dtype.itemsize == 1:
         return raw.astype(dtype)
-    values = raw if raw.dtype.kind in "iub" else np.floor(raw * float(factor) + 0.5)
-    if factor != 1 and values is raw:  # whole numbers 0 and 1 beside a fractional colour
-        values = raw.astype(np.float64) * factor
+    values = raw
+    if factor != 1 or raw.dtype.kind == "f":  # float32 can't tell the half steps
+        values = np.floor(raw.astype(np.float64) * factor + 0.5)
     good = (values >= 0) & (values <= largest)
     if not good.all():
         row = int(np.flatnonzero(~good)[0])

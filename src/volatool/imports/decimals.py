@@ -12,7 +12,10 @@ from volatool.errors import FormatError
 from volatool.model import F64, I32
 
 MAX_DECIMALS = 15
-MIN_DECIMALS = -9
+"""Looked for in numbers."""
+
+FINEST, COARSEST = 40, -9
+"""Decimals of the scales that numbers without decimals get."""
 
 _INT32 = 2**31 - 1
 _EXACT = 2.0**52
@@ -91,14 +94,14 @@ class AxisSurvey:
             return Axis(3, 0.0, True)
         largest = max(abs(self.low), abs(self.high))
         # finer than the numbers themselves are, a box would not come back as it was stored
-        finest = MAX_DECIMALS
-        while finest > MIN_DECIMALS and 10.0**-finest < 4 * float(np.spacing(largest)):
+        finest = FINEST
+        while finest > COARSEST and 10.0**-finest < 4 * float(np.spacing(largest)):
             finest -= 1
         if self.decimals is not None and self.decimals <= finest:
             offset = _offset(self.low, self.high, self.decimals)
             if offset is not None:
                 return Axis(self.decimals, offset, True)
-        for decimals in range(finest, MIN_DECIMALS - 1, -1):
+        for decimals in range(finest, COARSEST - 1, -1):
             offset = _offset(self.low, self.high, decimals)
             if offset is not None:
                 return Axis(decimals, offset, False)

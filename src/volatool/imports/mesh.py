@@ -22,11 +22,19 @@ from typing import Any
 import numpy as np
 
 from volatool.cube import Cube
-from volatool.errors import CodedWarning, FormatError, OptionError, ResourceError, TruncatedError
+from volatool.errors import (
+    CodedWarning,
+    FormatError,
+    InputError,
+    OptionError,
+    ResourceError,
+    TruncatedError,
+)
 from volatool.imports.grid import BYTES_A_CELL, voxel_points
 from volatool.imports.model import Batch, ImportedPoints, plain_toolkit, sliced
 from volatool.model import F64, I32, I64, U64, CrsInfo, as_fraction
 from volatool.options import ConvertOptions
+from volatool.reference import reference
 
 AUTO_VOXELS = 500_000
 _GROUP_CELLS = 1 << 22
@@ -89,11 +97,15 @@ def _loaded(path: Path, name: str) -> tuple[F64, I64]:
 
 
 def _check_stl(path: Path) -> None:
-    """Refuse a binary file that ends before its triangles do."""
+    """Refuse a file that ends before its triangles do."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(1024)
+        file.seek(max(0, size - 1024))
+        tail = file.read()
     if head.lstrip()[:5].lower() == b"solid" and (b"facet" in head.lower() or b"\0" not in head):
+        if b"endsolid" not in tail.lower():
+            raise TruncatedError(f"ends at byte {size} without its line endsolid")
         return
     if len(head) < _STL_HEADER:
         raise TruncatedError(f"ends at byte {size}, inside its header of {_STL_HEADER} bytes")
@@ -151,6 +163,8 @@ def _crs(options: ConvertOptions) -> CrsInfo:
     from volatool.points.crs import crs_from_user
 
     text = options.crs or options.crs_default
+    if text is None and options.cube_from is not None:
+        return reference(options.cube_from).crs
     return CrsInfo() if text is None else crs_from_user(text)
 
 
@@ -170,7 +184,10 @@ def _cube_and_depth(turned: F64, options: ConvertOptions, crs: CrsInfo) -> tuple
     side = None
     if options.cube != "auto":
         side = options.cube.in_units(crs.metres_per_unit_xy)  # type: ignore[union-attr]
-    cube = Cube.snapped(box, side) if options.snap else Cube.around(box, side)
+    if options.cube_from is not None:
+        cube = reference(options.cube_from).cube
+    else:
+        cube = Cube.snapped(box, side) if options.snap else Cube.around(box, side)
     depth = depth_in_advance(options, crs, cube)
     if depth is None:
         depth = _auto_depth(turned, cube, options.max_depth)
@@ -196,8 +213,9 @@ def _voxelized(name: str, corners: F64, options: ConvertOptions) -> ImportedPoin
     if not cube.side:
         return ImportedPoints(name, lambda n_rows: sliced(corners[:1, 0], {}, n_rows))
     places = (turned - np.array(cube.origin)) / cube.cell(depth)
-    places = np.clip(places, 0.0, float(4**depth))
     voxels = _touched(places, depth, options.memory // BYTES_A_CELL)
+    if not len(voxels):
+        raise InputError("no part of the surface lies in the cube of --cube-from", "E_GRID")
 
     def listed() -> Iterator[I32]:
         yield voxels

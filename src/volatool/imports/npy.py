@@ -1,7 +1,8 @@
 """NumPy arrays for import: (n, 3+) rows of points, records with fields x, y, z, or a 3-D grid.
 
 The array is mapped, never held. A 3-D array is an occupancy grid with axes x, y, z: cells that are
-not 0 (nor NaN) are occupied, each with an edge of 1 from the corner 0, 0, 0.
+not 0 (nor NaN) are occupied, each with an edge of 1 from the corner 0, 0, 0; or, of as many cells a
+side as the volume of ``--cube-from`` has, the cells of that cube.
 """
 
 from __future__ import annotations
@@ -16,11 +17,12 @@ from numpy.typing import NDArray
 
 from volatool.errors import CodedWarning, FormatError, TruncatedError
 from volatool.imports.columns import columns_of
-from volatool.imports.grid import cell_points
+from volatool.imports.grid import cell_points, voxel_points
 from volatool.imports.model import Batch, ImportedPoints, plain_toolkit
 from volatool.model import I32
 from volatool.options import ConvertOptions
 from volatool.points.frames import MAX_COLUMNS, Reader, npy_header
+from volatool.reference import reference
 
 TOOLKIT_SIDE = 256
 """The toolkit takes grids of this side only, and gives them the box 0 .. 255."""
@@ -96,7 +98,7 @@ def points_of(array: NDArray[Any], name: str, options: ConvertOptions) -> Import
     if array.ndim == 2 and 3 <= array.shape[1] <= MAX_COLUMNS and array.dtype.kind in "fiu":
         return _rows(array, name, options)
     if array.ndim == 3 and array.dtype.kind in "fiub":
-        return _grid(array, name)
+        return _grid(array, name, options)
     raise FormatError(
         f"an array {array.shape} of {array.dtype} is neither rows of x, y, z nor a 3-D grid",
         "E_NOT_IMPORT",
@@ -138,7 +140,7 @@ def _records(array: NDArray[Any], name: str, options: ConvertOptions) -> Importe
     return ImportedPoints(name, batches, frozenset(columns.attributes), keeps_nan=True)
 
 
-def _grid(array: NDArray[Any], name: str) -> ImportedPoints:
+def _grid(array: NDArray[Any], name: str, options: ConvertOptions) -> ImportedPoints:
     def slabs(is_one: bool) -> Iterator[I32]:
         thick = max(1, _SLAB_CELLS // max(1, array.shape[1] * array.shape[2]))
         for x in range(0, array.shape[0], thick):
@@ -152,6 +154,10 @@ def _grid(array: NDArray[Any], name: str) -> ImportedPoints:
         for cells in slabs(True):
             yield Batch(0, cells.astype(np.float64))
 
+    if options.cube_from is not None:
+        found = reference(options.cube_from)
+        if array.shape == (4**found.depth,) * 3:
+            return voxel_points(name, lambda: slabs(False), found.cube, found.depth, found.crs)
     zero = Fraction(0)
     shape = [max(1, n) for n in array.shape]
     points = cell_points(name, lambda: slabs(False), shape, (zero, zero, zero), Fraction(1))

@@ -7,7 +7,7 @@ behind lists of other elements or hold lists, are read by plyfile (extra ``mesh`
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volatool.errors import FormatError, OptionError, TruncatedError
+from volatool.formats.origin import find_origin
 from volatool.imports.columns import Columns
 from volatool.imports.model import (
     Batch,
@@ -64,6 +65,7 @@ class _Header:
     order: str
     elements: list[_Element]
     data_start: int
+    comments: list[str]
 
     def find(self, name: str) -> _Element | None:
         return next((element for element in self.elements if element.name == name), None)
@@ -115,7 +117,33 @@ def read(path: Path, options: ConvertOptions) -> ImportedPoints:
         def batches(n_rows: int) -> Iterator[Batch]:
             return _ascii(path, header, vertex, roles, n_rows)
 
-    return ImportedPoints("ply", batches, names, keeps_nan=True, toolkit=plain_toolkit(batches))
+    points = ImportedPoints("ply", batches, names, keeps_nan=True, toolkit=plain_toolkit(batches))
+    _remember(points, header)
+    return points
+
+
+def _remember(points: ImportedPoints, header: _Header) -> None:
+    """Put back what a comment of our own export keeps: CRS, place and, of points, the cube."""
+    origin = find_origin(header.comments)
+    if origin is None:
+        return
+    points.crs = origin.info.crs
+    if header.find("face") is None:
+        points.grid = (origin.cube, origin.depth)
+    shift = next((line.split()[1:] for line in header.comments if line.startswith("shift ")), None)
+    if shift is None:
+        return
+    try:
+        x, y, z = (float(word) for word in shift)
+    except ValueError as error:
+        raise FormatError(f"the comment 'shift {' '.join(shift)[:60]}' makes no sense") from error
+    local = points.batches
+
+    def batches(n_rows: int) -> Iterator[Batch]:
+        for batch in local(n_rows):
+            yield replace(batch, xyz=batch.xyz + np.array([x, y, z]))
+
+    points.batches = batches
 
 
 def _header(path: Path) -> _Header:
@@ -130,10 +158,14 @@ def _header(path: Path) -> _Header:
         if len(head) < MAX_HEADER_BYTES:
             raise TruncatedError(f"ends in its header, at byte {len(head)}, before end_header")
         raise FormatError("has no end_header where a PLY header ends")
-    order, elements = None, []
+    order = None
+    elements: list[_Element] = []
+    comments: list[str] = []
     for number, line in enumerate(head[:end].decode("latin-1").splitlines(), 1):
         words = line.split()
         try:
+            if words and words[0] == "comment":
+                comments.append(line.partition(" ")[2])
             if not words or number == 1 or words[0] in ("comment", "obj_info"):
                 continue
             if words[0] == "format":
@@ -148,7 +180,7 @@ def _header(path: Path) -> _Header:
             raise FormatError(f"header line {number}: {line[:60]!r} ({error})") from error
     if order is None:
         raise FormatError("its header has no format line")
-    header = _Header(order, elements, line_end + 1)
+    header = _Header(order, elements, line_end + 1, comments)
     _check_size(header, path.stat().st_size)
     return header
 

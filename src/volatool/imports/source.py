@@ -16,11 +16,12 @@ from volatool.imports.attributes import AttributeSurvey, checked, factors, scali
 from volatool.imports.decimals import Axis, AxisSurvey
 from volatool.imports.model import Batch, ImportedPoints
 from volatool.imports.registry import read_points, retell
-from volatool.model import F64, CrsInfo, PointChunk
+from volatool.model import F64, CrsInfo, PointChunk, as_fraction
 from volatool.options import ConvertOptions
 from volatool.points.header import LasHeader
 from volatool.points.layout import RECORD_BYTES, dimensions_of
 from volatool.points.reader import CHUNK_POINTS, MAX_CHUNK_POINTS
+from volatool.reference import reference
 
 _LAS_HEADER_BYTES = 375
 _SURVEY_ROWS = 1 << 18
@@ -65,8 +66,8 @@ class ImportSource:
         self.own_grid: tuple[Cube, int] | None = self._own_grid(options)
         self._n_missing = 0
         self._surveys = {name: AttributeSurvey(name) for name in sorted(self.points.attributes)}
-        axes = self._survey()
-        self._axes: tuple[Axis, Axis, Axis] = axes
+        self._axes: tuple[Axis, Axis, Axis] = self._survey()
+        self._check_grid()
         self._factors = factors(self._surveys)
         self.warnings += scaling_warnings(self._factors, self._surveys)
         self.warnings += self.points.warnings
@@ -126,10 +127,12 @@ class ImportSource:
             start += len(x)
 
     def _batches(self, n_rows: int) -> Iterator[Batch]:
-        """Yield the points that are there, in the axes of the volume."""
+        """Yield the points that are there, in the axes of the volume; count those that are not."""
+        self._n_missing = 0
         try:
             for batch in self.points.batches(n_rows):
                 there = self._there(batch)
+                self._n_missing += len(batch.xyz) - len(there.xyz)
                 if len(there.xyz):
                     yield there
         except VolatoolError as error:
@@ -173,22 +176,18 @@ class ImportSource:
     def _survey(self) -> tuple[Axis, Axis, Axis]:
         """Read the file for box, decimals and ranges; make the header."""
         axes = [AxisSurvey() for _ in range(3)]
-        n_points = n_rows = 0
-        for batch in self.points.batches(_SURVEY_ROWS):
-            n_rows += len(batch.xyz)
-            try:
-                there = self._there(batch)
-            except FormatError as error:
-                retell(error, self._path)
-                raise
-            n_points += len(there.xyz)
+        self.n_points = 0
+        for batch in self._batches(_SURVEY_ROWS):
+            self.n_points += len(batch.xyz)
             for a, axis in enumerate(axes):
-                axis.add(there.xyz[:, a])
+                axis.add(batch.xyz[:, a])
             for name, survey in self._surveys.items():
-                survey.add(there.attributes[name])
-        self.n_points = n_points
-        self._n_missing = n_rows - n_points
-        x, y, z = (axis.axis(name) for axis, name in zip(axes, "xyz", strict=True))
+                survey.add(batch.attributes[name])
+        try:
+            x, y, z = (axis.axis(name) for axis, name in zip(axes, "xyz", strict=True))
+        except FormatError as error:
+            retell(error, self._path)
+            raise
         self._make_header(axes, (x, y, z))
         return x, y, z
 
@@ -229,7 +228,8 @@ class ImportSource:
 
     def _own_grid(self, options: ConvertOptions) -> tuple[Cube, int] | None:
         """Return the grid that the file has, unless another cube is asked for."""
-        is_asked = options.cube != "auto" or options.snap or options.split is not None
+        is_asked = options.cube != "auto" or options.snap
+        is_asked |= options.split is not None or options.cube_from is not None
         if self.points.grid is None or (is_asked and not self.points.is_final):
             return None
         if not self._swap:
@@ -238,8 +238,20 @@ class ImportSource:
         x, y, z, side = cube.exact
         return Cube.from_exact((x, z, y), side, cube.is_snapped), depth
 
+    def _check_grid(self) -> None:
+        """Forget the grid if points lie outside: a comment in the file may be older than they."""
+        if self.own_grid is None or not self.n_points:
+            return
+        *corner, side = self.own_grid[0].exact
+        ratios = (1, 1, self.crs.z_ratio)
+        box = [as_fraction(value) * ratios[k % 3] for k, value in enumerate(self.header.box)]
+        if any(box[k] < corner[k] or box[3 + k] > corner[k] + side for k in range(3)):
+            self.own_grid = None
+            text = "points lie outside the cube that the file names; it is not used"
+            self.warnings.append(CodedWarning("W_CUBE", text))
+
     def _crs(self, options: ConvertOptions) -> CrsInfo:
-        """Return the CRS: the override, what the file names, the default, or none."""
+        """Return the CRS: the override, what the file names, the default, that of ``cube_from``."""
         from volatool.points.crs import crs_from_user
 
         if options.crs is not None:
@@ -248,6 +260,8 @@ class ImportSource:
             return self.points.crs
         if options.crs_default is not None:
             return crs_from_user(options.crs_default, "default")
+        if options.cube_from is not None:  # numbers for that cube are in its units
+            return reference(options.cube_from).crs
         text = "the file names no CRS (--crs gives one); lengths are in file units"
         self.warnings.append(CodedWarning("W_NO_CRS", text))
         return CrsInfo()

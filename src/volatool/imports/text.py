@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from volatool.errors import CodedWarning, FormatError, InputError
+from volatool.errors import CodedWarning, FormatError, InputError, TruncatedError
 from volatool.imports.columns import Columns, columns_of
 from volatool.imports.model import Batch, ImportedPoints, ToolkitPoints, role_of
 from volatool.imports.toolkit import words_of
@@ -294,7 +294,9 @@ def _table(block: Block, delimiter: bytes | None, places: list[int], n_needed: i
     rows = []
     for number, words in _rows(block, delimiter):
         if len(words) < n_needed:
-            raise FormatError(f"line {number}: {len(words)} values, expected {n_needed}")
+            is_last = block.data.count(b"\n") == number - block.first_line
+            kind = TruncatedError if is_last else FormatError  # no line break: the file is cut
+            raise kind(f"line {number}: {len(words)} values, expected {n_needed}")
         try:
             rows.append([_number(words[place]) for place in places])
         except ValueError as error:

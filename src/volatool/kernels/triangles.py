@@ -46,9 +46,11 @@ def _descend(corners, depth, cells, at):
     """Append the cells that one triangle touches to `cells` from `at` on; return how many."""
     low = np.empty(3)
     high = np.empty(3)
+    side = np.float64(np.int64(4) ** depth)
     for a in range(3):
         low[a] = min(corners[0, a], corners[1, a], corners[2, a]) - TOLERANCE
         high[a] = max(corners[0, a], corners[1, a], corners[2, a]) + TOLERANCE
+        low[a], high[a] = max(low[a], -1.0), min(high[a], side + 1.0)  # indices must fit
     normal = np.empty(3)
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
@@ -103,7 +105,7 @@ def touched_cells(triangles, depth, cells):
     Parameters
     ----------
     triangles : (m, 3, 3) array of float64
-        Corners, in cells of level `depth` from the cube's corner: 0 to ``4**depth``.
+        Corners, in cells of level `depth` from the cube's corner; they may lie outside.
     depth : int
         Level of the cells, 1 to 10.
     cells : (n, 3) array of int32
