@@ -20,8 +20,9 @@ from volatool.formats.origin import origin_lines
 from volatool.vola.volume import Volume
 from volatool.vola.window import half_open
 
-_LINE = 900
-"""Longest comment: readers built on rply (CloudCompare, Open3D) refuse lines of 1024."""
+_LINE = 240
+"""Longest comment: MeshLab refuses headers with lines of 512 characters, rply (CloudCompare,
+Open3D) of 1024."""
 
 _ATTRIBUTES = {
     "intensity": ("intensity", 65535, "u2"),
