@@ -13,7 +13,7 @@ from volatool._version import __version__
 from volatool.errors import VolatoolError
 
 if TYPE_CHECKING:
-    from volatool.api import classify, convert, stats
+    from volatool.api import classify, convert, import_points, stats
     from volatool.cube import Cube
     from volatool.emap.live import EMap
     from volatool.export.api import export_volume
@@ -34,6 +34,7 @@ _PLACES = {
     "classify": ("volatool.api", "classify"),
     "convert": ("volatool.api", "convert"),
     "export_volume": ("volatool.export.api", "export_volume"),
+    "import_points": ("volatool.api", "import_points"),
     "open": ("volatool.formats.registry", "open_volume"),
     "stats": ("volatool.api", "stats"),
     "stream": ("volatool.points.reader", "stream"),
@@ -51,6 +52,7 @@ __all__ = [
     "classify",
     "convert",
     "export_volume",
+    "import_points",
     "open",
     "stats",
     "stream",

@@ -52,11 +52,12 @@ Examples:
     "--z", type=RangeType(), help="Only cells that meet these heights, in the vertical unit."
 )
 @click.option(
-    "--local",
-    is_flag=True,
+    "--local/--world",
     default=None,
-    help="Coordinates from the cube's corner, which single precision can hold (ply, glb, nav2).",
+    help="Coordinates from the cube's corner, which single precision can hold, or those of the CRS "
+    "(ply, glb, nav2, bt, binvox, vdb).",
 )
+@click.option("--free", is_flag=True, default=None, help="bt: the rest of the cube is free.")
 @click.option(
     "--shape", type=click.Choice(SHAPES), help="ply: points, or cubes as a mesh of their faces."
 )

@@ -77,7 +77,9 @@ class ExportOptions:
     colour : str, optional
         One of `COLOURS` (ply, glb).
     local : bool, optional
-        Coordinates from the cube's corner instead of those of the CRS.
+        Coordinates from the cube's corner (True) or those of the CRS (False).
+    free : bool, optional
+        What of the cube is not occupied is marked as free (bt).
     sparse : bool, optional
         Coordinates instead of a dense window (npy).
     slices : str, optional
@@ -102,6 +104,7 @@ class ExportOptions:
     shape: str | None = None
     colour: str | None = None
     local: bool | None = None
+    free: bool | None = None
     sparse: bool | None = None
     slices: str | None = None
     above: tuple[Length, Length] | None = None

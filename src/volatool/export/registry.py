@@ -32,9 +32,9 @@ _ALL = (
     Exporter("csv", ".csv", "text with a header row and all metadata", "text"),
     Exporter("npy", ".npy", "NumPy: a dense window, or coordinates", "npy", ("sparse", "limit")),
     Exporter("npz", ".npz", "NumPy: coordinates, metadata, CRS; nothing is lost", "npz"),
-    Exporter("bt", ".bt", "OctoMap binary tree", "bt"),
-    Exporter("binvox", ".binvox", "binvox run-length grid", "binvox", ("limit",)),
-    Exporter("vdb", ".vdb", "OpenVDB grid: Blender, Houdini (needs pyopenvdb)", "vdb"),
+    Exporter("bt", ".bt", "OctoMap binary tree", "bt", ("local", "free")),
+    Exporter("binvox", ".binvox", "binvox run-length grid", "binvox", ("local", "limit")),
+    Exporter("vdb", ".vdb", "OpenVDB grid: Blender, Houdini", "vdb", ("local",)),
     Exporter(
         "png",
         ".png",

@@ -238,6 +238,52 @@ def mover(text: str, to: CrsInfo) -> Mover | None:
     return Mover(transformer, bool(source.is_geographic))
 
 
+def difference(one: CrsInfo, other: CrsInfo) -> str | None:
+    """
+    Tell in what two coordinate reference systems differ, so that their numbers can't be compared.
+
+    Parameters
+    ----------
+    one, other : CrsInfo
+        What is not known of either is taken to be as the other says; but heights of an unknown unit
+        count as being in that of x and y, as everywhere.
+
+    Returns
+    -------
+    difference : str or None
+        ``"EPSG:25832 and EPSG:25833"``, for people; None if there is none. The name or code of a
+        CRS is believed before its text: WKT of two programs is seldom the same.
+    """
+    metres = one.metres_per_unit_xy, other.metres_per_unit_xy
+    if None not in metres and metres[0] != metres[1]:
+        return f"x and y in {one.unit_xy} and in {other.unit_xy}"
+    if one.z_ratio != other.z_ratio:
+        return f"heights in {one.unit_z or one.unit_xy} and in {other.unit_z or other.unit_xy}"
+    if one.wkt2 is None or other.wkt2 is None or one.wkt2 == other.wkt2:
+        return None
+    pairs = ((one.horizontal, other.horizontal), (one.vertical, other.vertical))
+    for i, names in enumerate(pairs):
+        if None in names or names[0] == names[1]:
+            continue
+        if not _are_equal(_part(one.wkt2, i), _part(other.wkt2, i)):
+            return f"{names[0]} and {names[1]}"
+    return None
+
+
+def _part(wkt: str, which: int) -> pyproj.CRS | None:
+    """Return the horizontal (0) or vertical (1) part of a CRS."""
+    try:
+        return split(unbound(pyproj.CRS.from_wkt(wkt)))[which]
+    except ForeignCRSError:
+        return None
+
+
+def _are_equal(one: pyproj.CRS | None, other: pyproj.CRS | None) -> bool:
+    if one is None or other is None:
+        return False
+    return bool(one.equals(other, ignore_axis_order=True))
+
+
 def _wkt2(crs: pyproj.CRS) -> str | None:
     """Return WKT2:2019, or the older WKT of what can't be written so."""
     for version in ("WKT2_2019", "WKT2_2019_SIMPLIFIED", "WKT1_GDAL"):

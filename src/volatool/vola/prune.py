@@ -110,6 +110,60 @@ def pruned(volume: Volume, deepest: U64, info: VolumeInfo | None = None) -> Volu
     return replace(result, info=replace(volume.info, box=box, n_points=None))
 
 
+_SLABS = np.array(
+    [
+        [0x1111111111111111 << digit for digit in range(4)],
+        [0x000F000F000F000F << 4 * digit for digit in range(4)],
+        [0xFFFF << 16 * digit for digit in range(4)],
+    ],
+    np.uint64,
+)
+"""Bits of a word by axis and digit on it."""
+
+
+def cells_range(volume: Volume) -> tuple[list[int], list[int]]:
+    """
+    Return the smallest and the largest cell index on each axis, from few of the blocks.
+
+    Parameters
+    ----------
+    volume : Volume
+        With a voxel.
+
+    Returns
+    -------
+    first, last : list of 3 int
+        x, y, z.
+    """
+    if not all(words.all() for words in volume.levels):  # stored blocks without a voxel
+        cells = volume.voxels()
+        return cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
+    ranks = [np.cumsum(np.bitwise_count(words), dtype=np.int64) for words in volume.levels]
+    return (
+        [_extreme(volume, ranks, axis, range(4)) for axis in range(3)],
+        [_extreme(volume, ranks, axis, range(3, -1, -1)) for axis in range(3)],
+    )
+
+
+def _extreme(volume: Volume, ranks: Sequence[I64], axis: int, digits: range) -> int:
+    """Outermost cell index of an axis: only blocks of the outermost slab are followed down."""
+    blocks = np.zeros(1, np.int64)
+    index = 0
+    for words, rank in zip(volume.levels, ranks, strict=True):
+        here = words[blocks]
+        digit = next(d for d in digits if (here & _SLABS[axis, d]).any())
+        index = 4 * index + digit
+        before = rank[blocks] - np.bitwise_count(here)
+        children = []
+        for bit in range(64):
+            flag = np.uint64(1 << bit)
+            if flag & _SLABS[axis, digit]:
+                has = (here & flag) != 0
+                children.append(before[has] + np.bitwise_count(here[has] & (flag - np.uint64(1))))
+        blocks = np.concatenate(children)
+    return index
+
+
 def cells_box(volume: Volume) -> Box | None:
     """
     Return a box that holds all points of a volume: of its voxels, and of what is known.
@@ -129,8 +183,7 @@ def cells_box(volume: Volume) -> Box | None:
         return None
     size = 4**volume.depth
     corner, side = volume.cube.exact[:3], volume.cube.exact[3]
-    cells = volume.voxels()
-    first, last = cells.min(axis=0).tolist(), cells.max(axis=0).tolist()
+    first, last = cells_range(volume)
     ratios = (1, 1, volume.crs.z_ratio)
     if volume.info.quantizer == "floor":
         ends = [(low, high + 1, size) for low, high in zip(first, last, strict=True)]

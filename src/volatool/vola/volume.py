@@ -447,3 +447,44 @@ class Volume:
     def counts(self) -> list[LevelCounts]:
         """Return the exact counts of each level, the root first."""
         return [count_level(words) for words in self.levels]
+
+    def volume(self) -> float:
+        """
+        Return the volume of the voxels.
+
+        Returns
+        -------
+        volume : float
+            In the cubed horizontal unit of the CRS, heights brought to it.
+        """
+        from volatool.vola.algebra import voxel_size
+
+        return len(self) * float(voxel_size(self))
+
+    def volume_m3(self) -> float | None:
+        """Return the volume of the voxels in cubic metres, None if the unit is not known."""
+        metres = self.crs.metres_per_unit_xy
+        return None if metres is None else self.volume() * float(metres**3)
+
+    def __or__(self, other: Volume) -> Volume:
+        """Return the union; see `volatool.vola.algebra.combine`."""
+        return self._combined(other, "or")
+
+    def __and__(self, other: Volume) -> Volume:
+        """Return the intersection."""
+        return self._combined(other, "and")
+
+    def __xor__(self, other: Volume) -> Volume:
+        """Return the voxels that one of both has."""
+        return self._combined(other, "xor")
+
+    def __sub__(self, other: Volume) -> Volume:
+        """Return the voxels that the other does not have."""
+        return self._combined(other, "sub")
+
+    def _combined(self, other: Volume, op: str) -> Volume:
+        if not isinstance(other, Volume):
+            return NotImplemented
+        from volatool.vola.algebra import combine
+
+        return combine(self, other, op)
