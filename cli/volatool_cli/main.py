@@ -17,6 +17,8 @@ from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
 from volatool_cli.commands.doctor import doctor
 from volatool_cli.commands.emap import emap
+from volatool_cli.commands.export import export
+from volatool_cli.commands.import_ import import_
 from volatool_cli.commands.index import index
 from volatool_cli.commands.info import info
 from volatool_cli.commands.reproduce import reproduce
@@ -84,6 +86,8 @@ for command in (
     check,
     classify,
     emap,
+    import_,
+    export,
     index,
     validate,
     reproduce,

@@ -20,7 +20,7 @@ CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-check
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
-    "doctor",
+    "doctor", "export", "import", "index",
 ]  # fmt: skip
 
 
@@ -79,10 +79,18 @@ def test_the_examples_of_the_help_run(name, volatool):
         for suffix in (".dem.tif", ".dem.flag.tif"):
             (folder / f"town{suffix}").rename(folder / f"tile{suffix}")
         (folder / "checkpoints.csv").symlink_to(CHECKPOINTS)
-    if name in ("info", "validate", "stats", "dem"):
+    if name in ("info", "validate", "stats", "dem", "export"):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():
             made.unlink()
+    if name == "import":
+        for suffix, separator in ((".xyz", " "), (".csv", ",")):
+            rows = (separator.join(map(str, (k, k % 7, k % 3, 9, 5))) for k in range(40))
+            (folder / f"cloud{suffix}").write_text("\n".join(rows))
+        (folder / "scan.npy").write_bytes(npy_bytes(scan()))
+    if name == "index":
+        done = volatool("convert", "tile.laz", "-q", "-o", "out", "--cell", "2m")
+        assert done.returncode == 0, done.stderr
     if name == "emap":
         (folder / "scans").mkdir()
         (folder / "scans" / "0.pcd").write_bytes(pcd_bytes(scan()))
@@ -95,7 +103,10 @@ def test_the_examples_of_the_help_run(name, volatool):
     for number, example in enumerate(examples):
         words = shlex.split(example)
         if "-o" in words:
-            words[words.index("-o") + 1] = f"out{number}"
+            place = words.index("-o") + 1
+            words[place] = f"out{number}" + "".join(Path(words[place]).suffixes)
+        if name == "index":
+            words.append("--overwrite")
         line = " ".join(word if word in "|" else shlex.quote(word) for word in words)
         line = line.replace("volatool ", f"{shlex.quote(sys.executable)} -m volatool_cli ")
         done = subprocess.run(
