@@ -18,6 +18,9 @@ from volatool_cli.commands.dem import dem
 from volatool_cli.commands.diff import diff
 from volatool_cli.commands.doctor import doctor
 from volatool_cli.commands.emap import emap
+from volatool_cli.commands.export import export
+from volatool_cli.commands.import_ import import_
+from volatool_cli.commands.index import index
 from volatool_cli.commands.info import info
 from volatool_cli.commands.merge import merge
 from volatool_cli.commands.reproduce import reproduce
@@ -77,7 +80,21 @@ def cli(ctx: click.Context) -> None:
         ctx.exit(ExitCode.USAGE)
 
 
-for command in (convert, stats, info, dem, check, classify, emap, validate, reproduce, doctor):
+for command in (
+    convert,
+    stats,
+    info,
+    dem,
+    check,
+    classify,
+    emap,
+    import_,
+    export,
+    index,
+    validate,
+    reproduce,
+    doctor,
+):
     cli.add_command(command)
 cli.add_command(diff)
 cli.add_command(merge)

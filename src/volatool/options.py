@@ -15,7 +15,7 @@ from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
 _LENGTHS = (
-    "cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer", "sigma",
+    "cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer", "sigma", "spacing",
 )  # fmt: skip
 
 MAX_HOLDOUT = 50.0
@@ -65,6 +65,17 @@ class ConvertOptions:
         Leave isolated points far above or below out of everything.
     chunk_points : int
         Points read at a time.
+    from_format : str, optional
+        Of an imported file: a name of `volatool.imports.registry`; by default the suffix tells.
+    columns : tuple of str, optional
+        What the columns of an imported table are, ``"-"`` for one that is left out.
+    mesh : str
+        What of an imported mesh becomes points: ``"voxelize"`` (every voxel that the surface
+        touches), ``"sample"``, ``"vertices"``; ``"auto"``: vertices of PLY, else voxelize.
+    spacing : Length, optional
+        Of ``mesh="sample"``: no part of the surface is farther from a point.
+    swap_yz : bool
+        Swap y and z of an imported file.
     salvage, strict : bool
         Use what is readable of a damaged file; refuse faulty headers.
     crs, crs_default, to_crs : str, optional
@@ -145,6 +156,11 @@ class ConvertOptions:
     thin: int | None = None
     robust_z: bool = False
     chunk_points: int = 250_000
+    from_format: str | None = None
+    columns: tuple[str, ...] | None = None
+    mesh: str = "auto"
+    spacing: Length | None = None
+    swap_yz: bool = False
     salvage: bool = False
     strict: bool = False
     crs: str | None = None
@@ -279,6 +295,10 @@ class ConvertOptions:
                     object.__setattr__(self, name, tuple(map(operator.index, codes)))
                 except TypeError as error:
                     raise OptionError(f"{name} must be a sequence of class codes") from error
+        if isinstance(self.columns, str):
+            object.__setattr__(self, "columns", tuple(self.columns.split(",")))
+        if self.spacing is not None and self.mesh != "sample":
+            raise OptionError("--spacing is for --mesh sample")
         if self.thin is not None and self.thin < 1:
             raise OptionError(f"thin must be at least 1, got {self.thin}")
         for name in ("crs", "crs_default", "to_crs"):
@@ -313,6 +333,7 @@ class ConvertOptions:
             "surface": ("auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin"),
             "preset": ("emap", "paper"),
             "compat": (None, "toolkit"),
+            "mesh": ("auto", "voxelize", "sample", "vertices"),
         }
         for name, words in allowed.items():
             if getattr(self, name) not in words:

@@ -266,6 +266,8 @@ class TileScanner:
         if self.given_cube is not None:
             return self.given_cube
         header, crs = self.source.header, self.source.crs
+        if self.source.own_grid is not None:
+            return self.source.own_grid[0]
         corners = box_corners(box, header.scale, header.offset, crs.z_ratio)
         side = None
         if self.options.cube != "auto":

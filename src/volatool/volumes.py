@@ -96,6 +96,14 @@ def depth_in_advance(options: ConvertOptions, crs: CrsInfo, cube: Cube) -> int |
     return None
 
 
+def own_depth(options: ConvertOptions, source: Source) -> int | None:
+    """Return the depth of an imported grid, None without one or if another rule is asked for."""
+    rule = (options.depth, options.resolution, options.budget, options.depth_from)
+    if source.own_grid is None or any(value is not None for value in rule):
+        return None
+    return source.own_grid[1]
+
+
 @functools.lru_cache(maxsize=1)
 def _dataset(name: str) -> Mapping[str, Any]:
     """Return the JSON object of ``--depth-from``."""
@@ -145,7 +153,11 @@ def make_volumes(
     info = _info(source)
     if options.split is None:  # the size of a file under --budget depends on all its bytes
         info = _placed(info, source, built[largest], corners)
-    choice = _choose(options, source.crs, built[largest], counts, n_points, info)
+    given = own_depth(options, source)
+    if given is not None:
+        choice = rules.own_depth(given, built[largest].cube, counts)
+    else:
+        choice = _choose(options, source.crs, built[largest], counts, n_points, info)
     last = max(choice.depth, rules.stop_level(counts, n_points, options.max_depth))
     rows: tuple[LevelRow, ...] = level_rows(
         counts[:last], built[largest].cube.exact[3], n_points, tiles=len(built)

@@ -21,7 +21,7 @@ CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-check
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
-    "doctor",
+    "doctor", "export", "import", "index",
 ]  # fmt: skip
 COMMANDS += ["diff", "merge"]
 
@@ -81,7 +81,7 @@ def test_the_examples_of_the_help_run(name, volatool):
         for suffix in (".dem.tif", ".dem.flag.tif"):
             (folder / f"town{suffix}").rename(folder / f"tile{suffix}")
         (folder / "checkpoints.csv").symlink_to(CHECKPOINTS)
-    if name in ("info", "validate", "stats", "dem"):
+    if name in ("info", "validate", "stats", "dem", "export"):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():
             made.unlink()
@@ -90,6 +90,14 @@ def test_the_examples_of_the_help_run(name, volatool):
         (folder / "cubes").mkdir()
         for made in ("may", "june", "other", "cubes/a"):
             shutil.copy(folder / "tile.vol.gz", folder / f"{made}.vol.gz")
+    if name == "import":
+        for suffix, separator in ((".xyz", " "), (".csv", ",")):
+            rows = (separator.join(map(str, (k, k % 7, k % 3, 9, 5))) for k in range(40))
+            (folder / f"cloud{suffix}").write_text("\n".join(rows))
+        (folder / "scan.npy").write_bytes(npy_bytes(scan()))
+    if name == "index":
+        done = volatool("convert", "tile.laz", "-q", "-o", "out", "--cell", "2m")
+        assert done.returncode == 0, done.stderr
     if name == "emap":
         (folder / "scans").mkdir()
         (folder / "scans" / "0.pcd").write_bytes(pcd_bytes(scan()))
@@ -104,6 +112,8 @@ def test_the_examples_of_the_help_run(name, volatool):
         if "-o" in words:
             place = words.index("-o") + 1
             words[place] = f"out{number}" + "".join(Path(words[place]).suffixes)
+        if name == "index":
+            words.append("--overwrite")
         line = " ".join(word if word in "|" else shlex.quote(word) for word in words)
         line = line.replace("volatool ", f"{shlex.quote(sys.executable)} -m volatool_cli ")
         done = subprocess.run(

@@ -42,7 +42,7 @@ def run_inputs(
     options : ConvertOptions
         For all of them.
     kind : str
-        ``"convert"``, ``"dem"``, ``"stats"`` or ``"classify"``.
+        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
     outdir : pathlib.Path or None
         Folder for the outputs; beside each input by default.
     overwrite : bool

@@ -177,6 +177,11 @@ def fixed_depth(depth: int, cube: Cube, counts: Sequence[LevelCounts] = ()) -> C
     return _with_levels(depth, "fixed", f"depth {depth} was asked for", counts, cube)
 
 
+def own_depth(depth: int, cube: Cube, counts: Sequence[LevelCounts] = ()) -> Choice:
+    """Return the choice of an imported grid or mesh, which has a depth of its own."""
+    return _with_levels(depth, "fixed", f"depth {depth} is that of the cells read", counts, cube)
+
+
 def depth_for_resolution(cube: Cube, cell: float, max_depth: int) -> int:
     """
     Return the depth whose cells come nearest to an edge length without being coarser.

@@ -360,3 +360,60 @@ def _epsg_of_wkt(wkt: str) -> int | None:
     except (ForeignCRSError, ProjError):
         return None
     return None if code is None else int(code)
+
+
+def las_wkt(crs: CrsInfo) -> str | None:
+    """
+    Return the WKT of a CRS for a LAS file.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        With WKT, or with a name that PROJ knows (files of the original toolkit have no more).
+
+    Returns
+    -------
+    wkt : str or None
+        WKT 1, as LAS 1.4 asks for, where it says the same; else WKT 2. None if there is no CRS.
+    """
+    found = _found(crs)
+    if found is None:
+        return None
+    wanted = describe(found, crs.source)
+    with python_warnings.catch_warnings():
+        python_warnings.simplefilter("ignore")  # it may lose what we compare next
+        try:
+            wkt = str(found.to_wkt("WKT1_GDAL"))
+            if _is_alike(describe(pyproj.CRS.from_wkt(wkt), crs.source), wanted):
+                return wkt
+        except (ForeignCRSError, ProjError):
+            pass
+    return wanted.wkt2
+
+
+def known_wkt(crs: CrsInfo) -> str | None:
+    """
+    Return the WKT 2 of a CRS, also of one of which only the code is known.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        As for `las_wkt`.
+    """
+    found = _found(crs)
+    return None if found is None else _wkt2(found)
+
+
+def _found(crs: CrsInfo) -> pyproj.CRS | None:
+    """Return a CRS by its WKT or its name; None if there is none, or PROJ does not know it."""
+    try:
+        if crs.wkt2 is not None:
+            return pyproj.CRS.from_wkt(crs.wkt2)
+        return None if crs.horizontal is None else pyproj.CRS.from_user_input(crs.horizontal)
+    except ForeignCRSError:
+        return None
+
+
+def _is_alike(a: CrsInfo, b: CrsInfo) -> bool:
+    names = ("horizontal", "vertical", "metres_per_unit_xy", "metres_per_unit_z", "is_geographic")
+    return all(getattr(a, name) == getattr(b, name) for name in names)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,9 @@ from volatool.errors import FormatError, OptionError, ResourceError
 from volatool.model import F64, I32, I64, U64, Bool, Bounds, CrsInfo, LevelCounts
 from volatool.vola.info import VolumeInfo
 from volatool.vola.words import count_level, frozen, popcount
+
+if TYPE_CHECKING:
+    from volatool.vola.window import Window
 
 __all__ = ["MAX_LEVELS", "Volume", "VolumeInfo", "count_level"]
 
@@ -168,6 +172,34 @@ class Volume:
         """Return the path keys of the stored blocks of a level, in the order of its words."""
         level = self._level(level)
         return self.keys(level - 1) if level > 1 else np.zeros(1, np.uint64)
+
+    def window(
+        self,
+        bounds: Bounds | None = None,
+        level: int | None = None,
+        *,
+        z: tuple[float, float] | None = None,
+    ) -> Window:
+        """
+        Return a box of cells, for ``.to_numpy()``.
+
+        Parameters
+        ----------
+        bounds : Bounds, optional
+            Closed rectangle, in units of the CRS; the whole cube by default.
+        level : int, optional
+            1 to `depth`; the deepest by default.
+        z : tuple of 2 float, optional
+            Lowest and highest, in the vertical unit.
+
+        Returns
+        -------
+        window : Window
+            ``.to_numpy()`` is a bool array with axes x, y, z; ``.origin``, ``.cell``, ``.level``.
+        """
+        from volatool.vola.window import window_of
+
+        return window_of(self, bounds, level, z=z)
 
     def voxels(self, level: int | None = None) -> I32:
         """
