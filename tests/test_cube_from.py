@@ -142,6 +142,10 @@ def test_differences_of_reference_systems():
     assert difference(heights, crs_from_user("EPSG:25832+5783")) == "EPSG:7837 and EPSG:5783"
     assert difference(utm, crs_from_user("EPSG:32632")) == "EPSG:25832 and EPSG:32632"
     assert difference(CrsInfo(), utm) is None
+    header = CrsInfo(horizontal="EPSG:25833", epsg=25833)  # of a file without a trailer
+    assert difference(header, utm) == "EPSG:25833 and EPSG:25832"
+    assert difference(CrsInfo(horizontal="EPSG:25832"), utm) is None
+    assert difference(CrsInfo(horizontal="local"), utm) is None
     same = CrsInfo(**{**{n: getattr(utm, n) for n in CrsInfo.__dataclass_fields__},
                       "horizontal": "my UTM", "wkt2": utm.wkt2 + " "})  # fmt: skip
     assert difference(same, utm) is None

@@ -13,7 +13,7 @@ from volatool.formats.registry import open_volume
 from volatool.naming import VOLUME_SUFFIXES
 from volatool.outputs import OutputSet, refuse_existing
 from volatool.reference import reference
-from volatool.vola.algebra import combine, unite
+from volatool.vola.algebra import OPERATIONS, combine, unite
 from volatool.vola.tiles import common_grid
 from volatool.vola.volume import Volume
 from volatool.volumes import place_of
@@ -81,6 +81,10 @@ def merge_files(
     InputError
         ``E_GRID``, ``E_CRS`` and what reading files may raise, with their names.
     """
+    if op not in OPERATIONS:
+        raise OptionError(f"no operation {op!r}; there are {', '.join(OPERATIONS)}")
+    if op != "or" and len(paths) < 2:
+        raise OptionError(f"--op {op} is of two volumes or more, {len(paths)} was named")
     kind = encoding_for(output)
     refuse_input(output, [*paths, *([Path(cube_from)] if cube_from is not None else [])])
     refuse_existing([output], overwrite)

@@ -33,7 +33,7 @@ def dense_sets(depth):
     return st.sets(st.tuples(*[st.integers(0, high)] * 3), max_size=60)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.data(), st.integers(1, 3), st.integers(0, 4), st.sampled_from(["column", "block"]))
 def test_counts_and_places_are_those_of_the_twin(data, depth, noise, by):
     """Any depth, noise and places; neighbours across blocks, edges and corners."""

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from volatool.cube import MAX_DEPTH
 from volatool.errors import OptionError
 from volatool.model import F64, I32, I64, U64, Bool
 from volatool.vola.algebra import Pairing, aligned, pairings
@@ -196,6 +197,8 @@ def diff(
     level = a.depth if level is None else level
     if not 1 <= level <= a.depth:
         raise OptionError(f"--level must be 1 to {a.depth}, the levels to compare, got {level}")
+    if by == "block" and level > MAX_DEPTH:  # numbers of blocks must fit 64 bits
+        raise OptionError(f"--by block goes to --level {MAX_DEPTH}, got {level}")
     from volatool.kernels import algebra as kernels
 
     steps = list(pairings(a, b, "or"))
