@@ -101,7 +101,7 @@ def test_another_place_or_crs_is_refused(epochs, tmp_path):
         vt.convert(away, tmp_path / "out", cube_from=reference, **QUIET)
     assert e.value.code == "E_GRID"
     assert not list((tmp_path / "out").glob("*away*"))
-    for crs, told in (("EPSG:25833", "EPSG:25832 and EPSG:25833"), ("EPSG:2994", "foot")):
+    for crs, told in (("EPSG:25833", "EPSG:25833 and EPSG:25832"), ("EPSG:2994", "foot")):
         other = write_las(tmp_path / "other.las", points, crs=crs)
         with pytest.raises(CRSError, match=told) as e:
             vt.stats(other, cube_from=reference)
