@@ -18,7 +18,7 @@ from volatool.errors import CodedWarning, InputError
 from volatool.model import F64, Bool
 from volatool.outputs import OutputSet
 from volatool.vola.algebra import voxel_size
-from volatool.vola.diff import Difference, diff, in_significant_blocks
+from volatool.vola.diff import Difference, diff
 from volatool.vola.volume import Volume
 
 SCHEMA = "volatool.diff/1"
@@ -98,7 +98,7 @@ def document(
     a, b = difference.a, difference.b
     crs = a.crs if a.crs.horizontal is not None else b.crs
     changes, surface = difference.changes, difference.surface()
-    added, removed = in_significant_blocks(difference)
+    added, removed = difference.at_significant_places()
     measure = functools.partial(_measured, difference)
     return {
         "schema": SCHEMA,
@@ -175,7 +175,7 @@ def _measured(difference: Difference, n_voxels: int) -> dict[str, Any]:
 
 def significant_volume(difference: Difference) -> float:
     """Return the volume added and removed at significant places, in cubed units of the CRS."""
-    return float(sum(in_significant_blocks(difference)) * voxel_size(difference.a))
+    return float(sum(difference.at_significant_places()) * voxel_size(difference.a))
 
 
 def geojson_lines(
@@ -218,7 +218,7 @@ def geojson_lines(
     if not keep_crs:
         moved = _degrees(difference, x, y)
         if moved is None:
-            text = "the CRS is not known: coordinates are those of the volumes, not degrees"
+            text = "no way from the CRS to degrees is known: coordinates are those of the volumes"
             warnings = (CodedWarning("W_NO_CRS", text),)
             keep_crs = True
         else:
@@ -279,6 +279,7 @@ def _features(difference: Difference, chosen: Bool, x: F64, y: F64) -> Iterator[
                 "significant_added": far_added,
                 "significant_removed": far_removed,
                 "significant": is_significant,
+                "significance": round((far_added + far_removed) / (added + removed), 4),
                 "volume_added": added * size,
                 "volume_removed": removed * size,
                 "z_min": round(float(height[0]), _COORDINATE_DIGITS),

@@ -93,6 +93,9 @@ def test_geojson_is_rectangles_in_degrees(epochs):
         assert 0 < np.sum((x[1:] - x[:-1]) * (y[1:] + y[:-1])) * -0.5 < 1e-9
         properties = feature["properties"]
         total += properties["added"]
+        assert properties["significance"] == pytest.approx(
+            properties["significant_added"] / properties["added"], abs=1e-4
+        )
         block = np.array(properties["block"]) * 2.0
         corner = lonlat(CRS, np.array([500000 + block[0]]), np.array([5400000 + block[1]]))
         assert ring[0] == pytest.approx([corner[0][0], corner[1][0]], abs=1e-8)
@@ -172,6 +175,8 @@ def test_a_file_is_written_whole_and_no_input_replaced(epochs):
     done = run("may.vol.gz", "june.vol.gz", "-o", "out.geojson")
     assert (done.exit_code, done.stderr.split(":")[0]) == (2, "E_OUTPUT_EXISTS")
     assert run("may.vol.gz", "june.vol.gz", "-o", "out.geojson", "--overwrite").exit_code == 0
+    done = run("may.vol.gz", "june.vol.gz", "-o", "/proc/none/out.json")
+    assert (done.exit_code, done.stderr.split(":")[0]) == (5, "E_WRITE")
     before = (epochs / "may.vol.gz").read_bytes()
     (epochs / "link.vol.gz").symlink_to("may.vol.gz")
     for name in ("may.vol.gz", "link.vol.gz", "./june.vol.gz"):

@@ -147,6 +147,8 @@ def test_outputs_and_inputs_are_checked_before_any_work(points):
     assert run("a/p.vol.gz", "-o", "c.vol").exit_code == 0
     done = run("a/p.vol.gz", "-o", "c.vol")
     assert (done.exit_code, done.stderr.split(":")[0]) == (2, "E_OUTPUT_EXISTS")
+    done = run("a/p.vol.gz", "-o", "/proc/none/d.vol")
+    assert (done.exit_code, done.stderr.split(":")[0]) == (5, "E_WRITE")
     done = run("none.vol", "-o", "d.vol")
     assert (done.exit_code, done.stderr.split(":")[0]) == (4, "E_NOT_FOUND")
     done = run("a/p.vol.gz", "--depth", 9, "-o", "d.vol")

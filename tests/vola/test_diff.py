@@ -15,7 +15,7 @@ from volatool.cube import Cube
 from volatool.errors import InputError, OptionError
 from volatool.kernels import near
 from volatool.model import CrsInfo
-from volatool.vola.diff import diff, in_significant_blocks
+from volatool.vola.diff import diff
 from volatool.vola.volume import VolumeInfo
 
 CUBE = Cube((100.0, 200.0, 300.0), 32.0)
@@ -134,13 +134,13 @@ def test_a_new_house_gives_its_volume():
     a, b = volume_of(ground), volume_of(ground | house)
     found = diff(a, b)
     volume = 10 * 8 * 6 * 0.5**3
-    assert list(in_significant_blocks(found)) == [len(house), 0]
+    assert found.at_significant_places() == (len(house), 0)
     assert significant_volume(found) == volume == (b - a).volume()
     assert found.n_significant_added == 10 * 8 * 5  # the lowest layer touches the ground
     surface = found.surface()
     assert (surface.raised, surface.net, surface.lowered) == (480, 480, 0)
     back = diff(b, a)
-    assert list(in_significant_blocks(back)) == [0, len(house)]
+    assert back.at_significant_places() == (0, len(house))
     low, high = found.corners(found.changes.blocks, 3)[:, :2], found.changes.last
     assert low.min(axis=0).tolist() == [100 + 12 * 0.5, 200 + 16 * 0.5]
     assert set(high.tolist()) == {26}

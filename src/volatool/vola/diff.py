@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -121,6 +120,12 @@ class Difference:
     n_significant_added: int
     n_significant_removed: int
     changes: Changes
+
+    def at_significant_places(self) -> tuple[int, int]:
+        """Return how many voxels, noise-like or not, were added and removed at such places."""
+        changes = self.changes
+        chosen = changes.is_significant
+        return int(changes.added[chosen].sum()), int(changes.removed[chosen].sum())
 
     def surface(self) -> SurfaceChange:
         """Compare the highest voxels of columns; worked out at each call."""
@@ -328,10 +333,3 @@ def _surface_change(a: Volume, b: Volume, steps: list[Pairing], noise: int) -> S
     words = pair_words(*pair, 4), pair_words(pair[1], pair[0], pair[3], pair[2], 4)
     tops = (top_layers(numbers, cells, one, n_numbers) for one in words)
     return SurfaceChange(*compare_tops(*tops, noise).tolist())
-
-
-def in_significant_blocks(difference: Difference) -> Iterator[int]:
-    """Yield how many voxels were added, then removed, at significant places."""
-    changes = difference.changes
-    yield int(changes.added[changes.is_significant].sum())
-    yield int(changes.removed[changes.is_significant].sum())
