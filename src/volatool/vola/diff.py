@@ -10,7 +10,7 @@ import numpy as np
 from volatool.cube import MAX_DEPTH
 from volatool.errors import OptionError
 from volatool.model import F64, I32, I64, U64, Bool
-from volatool.vola.algebra import Pairing, aligned, pairings
+from volatool.vola.algebra import Pairing, aligned, pairings, voxel_edge
 from volatool.vola.grid import is_rounded, same_grid
 from volatool.vola.volume import Volume
 
@@ -146,9 +146,9 @@ class Difference:
 
     def faces(self, voxels: F64) -> F64:
         """Return where voxels begin, (n, 3), in units of the CRS (z in the vertical unit)."""
-        rounded = is_rounded(self.a)
-        step = float(self.a.cube.exact[3] / (4**self.a.depth - rounded))
-        places: F64 = np.asarray(self.a.cube.origin) + (voxels - rounded / 2) * step
+        before = 0.5 if is_rounded(self.a) else 0.0  # around the places, or from them on
+        step = float(voxel_edge(self.a))
+        places: F64 = np.asarray(self.a.cube.origin) + (voxels - before) * step
         places[..., 2] /= float(self.a.crs.z_ratio)
         return places
 
