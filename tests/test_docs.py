@@ -20,6 +20,7 @@ PAGES = [
     "docs/how-to/check-accuracy.md",
     "docs/how-to/export-3d.md",
     "docs/how-to/export.md",
+    "docs/how-to/import.md",
 ]
 
 

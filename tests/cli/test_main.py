@@ -20,7 +20,7 @@ CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-check
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
-    "doctor", "export",
+    "doctor", "export", "import",
 ]  # fmt: skip
 
 
@@ -89,6 +89,11 @@ def test_the_examples_of_the_help_run(name, volatool):
         (folder / "poses.csv").write_text("0 0 2\n")
         (folder / "names.txt").write_text("scans/0.pcd\n")
         (folder / "drive.npy").write_bytes(npy_bytes(scan()))
+    if name == "import":
+        for suffix, separator in ((".xyz", " "), (".csv", ",")):
+            rows = (separator.join(map(str, (k, k % 7, k % 3, 9, 5))) for k in range(40))
+            (folder / f"cloud{suffix}").write_text("\n".join(rows))
+        (folder / "scan.npy").write_bytes(npy_bytes(scan()))
     block = help_of(name).split("Examples:")[1].split("Options:")[0]
     examples = [line.strip() for line in block.splitlines() if line.strip()]
     assert examples
