@@ -21,6 +21,7 @@ PAGES = [
     "docs/how-to/export-3d.md",
     "docs/how-to/export.md",
     "docs/how-to/index.md",
+    "docs/how-to/import.md",
 ]
 
 
