@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import importlib.util
-import io
 import json
 import subprocess
 import sys
@@ -12,12 +11,13 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import making_volumes as making
 import numpy as np
 import pytest
 
 from volatool.cube import Cube
 from volatool.errors import VolatoolError
-from volatool.formats import dense, sparse, trailer
+from volatool.formats import trailer
 from volatool.formats.registry import open_volume, read_info
 from volatool.vola.volume import Volume, VolumeInfo
 
@@ -120,12 +120,6 @@ def test_a_damaged_vector_is_refused_as_it_says(vector: dict[str, Any]) -> None:
     assert "\n" not in str(caught.value)
 
 
-def written(volume: Volume, mode: int) -> bytes:
-    stream = io.BytesIO()
-    (dense if mode else sparse).write(stream, volume)
-    return stream.getvalue()
-
-
 @pytest.fixture
 def twin(monkeypatch: pytest.MonkeyPatch) -> Any:
     """The twin's module; the trailer names the same version as it does."""
@@ -146,7 +140,7 @@ def test_the_writer_makes_the_same_bytes(vector: dict[str, Any]) -> None:
     if data[:2] == b"\x1f\x8b":
         data = gzip.decompress(data)
     volume = open_volume(data)
-    again = written(volume, vector["header"]["mode"])
+    again = making.written(volume, vector["header"]["mode"])
     if vector["header"]["mode"] and volume.has_metadata:
         # reading averages strips to blocks, writing blocks to strips: one is not the other's
         # inverse. The test below writes from the blocks that the twin had
@@ -156,7 +150,7 @@ def test_the_writer_makes_the_same_bytes(vector: dict[str, Any]) -> None:
 
 def clean(volume: Volume) -> bytes:
     """Return a volume's cells and facts, without metadata, as a file."""
-    return written(Volume(volume.levels, None, volume.cube, volume.info), 0)
+    return making.written(Volume(volume.levels, None, volume.cube, volume.info), 0)
 
 
 @pytest.mark.parametrize("seed", [None, 7])
@@ -180,4 +174,4 @@ def test_twin_and_writers_make_the_same_files(
     if tree.metadata is not None:
         metadata = tuple(np.array(list(each.values()), np.uint64) for each in tree.metadata)
     volume = Volume(tuple(words), metadata, Cube(origin, side), VolumeInfo())
-    assert written(volume, mode) == expected
+    assert making.written(volume, mode) == expected
