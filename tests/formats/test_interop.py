@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import io
-import struct
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+import toolkit_reader as toolkit
 
 from volatool.cube import Cube
 from volatool.formats import dense, sparse
@@ -63,32 +63,6 @@ def exact(chunk: PointChunk, axis: int, value: int, ratio: Fraction) -> Fraction
     return (value * scale + offset) * (ratio if axis == 2 else 1)
 
 
-def original_reader(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Read as the original does: sizes, version, mode and everything after the levels ignored.
-
-    Returns the minimum corners of the cells and the metadata word of each voxel's block.
-    """
-    depth, nbits = data[7], struct.unpack_from("<I", data, 8)[0]
-    box = struct.unpack_from("<6d", data, 32)
-    place, blocks = 80, [(0, 0, 0)]
-    for _ in range(depth):
-        words = struct.unpack_from(f"<{len(blocks)}Q", data, place)
-        place += 8 * len(blocks)
-        metadata = struct.unpack_from(f"<{len(blocks)}Q", data, place) if nbits else ()
-        place += 8 * len(metadata)
-        cells, of_cells = [], []
-        for number, ((x, y, z), word) in enumerate(zip(blocks, words, strict=True)):
-            for bit in range(64):
-                if word >> bit & 1:
-                    cells.append((4 * x + bit % 4, 4 * y + bit // 4 % 4, 4 * z + bit // 16))
-                    of_cells.append(metadata[number] if nbits else 0)
-        blocks = cells
-    side = max(box[3 + axis] - box[axis] for axis in range(3))
-    corners = np.array(blocks) / 4**depth * side + np.array(box[:3])
-    return corners, np.array(of_cells, np.uint64)
-
-
 @pytest.mark.parametrize("depth", [2, 3, 4])
 @pytest.mark.parametrize("name", [FEET, MEGAPLOT])
 def test_the_original_reads_our_files_right(shared: Path, name: str, depth: int) -> None:
@@ -96,8 +70,9 @@ def test_the_original_reads_our_files_right(shared: Path, name: str, depth: int)
     volume, xyz = built(shared / name, depth)
     stream = io.BytesIO()
     sparse.write(stream, volume)
-    corners, words = original_reader(stream.getvalue())
-    assert np.array_equal(words, volume.metadata())
+    found = toolkit.read(stream.getvalue())
+    corners = np.array(found.coordinates())
+    assert np.array_equal(found.words, volume.metadata())
     assert np.allclose(corners, volume.cube.corners(volume.voxels(), depth), rtol=0, atol=1e-6)
     # the points against the reported cells, with an ulp of the coordinates
     cell = volume.cube.cell(depth)
