@@ -922,9 +922,9 @@ static int32_t vola__axis_cell(const vola *v, int level, double place, double co
     double largest = vola__abs(place) > vola__abs(corner) ? vola__abs(place) : vola__abs(corner);
     double error = 4 * 2.220446049250313e-16 * largest, away = place - corner, cell;
     if (!(away >= -error && away <= v->side + error)) return -1; /* NaN too */
-    if (v->side == 0) return 0;
+    if (v->side == 0 || (corner + v->side) - corner == 0) return 0;
     if (v->quantizer != VOLA_FLOOR) {
-        double part = away / v->side;
+        double part = away / ((corner + v->side) - corner); /* as the toolkit, to the last bit */
         part = part < 0 ? 0 : part > 1 ? 1 : part;
         return vola__round(part * (vola__cells(v->depth) - 1)) >> 2 * (v->depth - level);
     }

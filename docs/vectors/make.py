@@ -132,9 +132,47 @@ def add_sparse(vectors: Vectors) -> None:
     data, content = with_trailer(header(5, BOX, nbits=1) + tree.sparse(), tree)
     vectors.good("sparse5-metadata.vol", "depth 5 with metadata", data, tree, content,
                  points=[*POINTS, (115.64, 200.04, 20.95)])  # fmt: skip
+    add_example(vectors)
     add_feet(vectors)
     add_third(vectors)
     add_foreign(vectors)
+
+
+def add_example(vectors: Vectors) -> None:
+    """Add the worked example of docs/format.md."""
+    tree = Tree([(0, 0, 0), (1, 0, 0), (15, 15, 15)], 2, 0)
+    # bytes: 3 height, 6 class, 7 always 1
+    words = [0x0102000055000000, 0x0102000000000000, 0x01060000FF000000]
+    tree.metadata = [{(): words[0]}, dict(zip(tree.blocks[1], words[1:], strict=True))]
+    channels = [
+        {
+            "byte": 3,
+            "name": "height",
+            "scale": 0.0625,
+            "offset": 10.0,
+            "unit": "metre",
+            "reduction": "mean",
+        },
+        {
+            "byte": 6,
+            "name": "class",
+            "scale": 1.0,
+            "offset": 0.0,
+            "unit": "",
+            "reduction": "mode",
+        },
+        CONSTANT,
+    ]
+    start = header(2, BOX, nbits=1)
+    data, content = with_trailer(start + tree.sparse(), tree, channels=channels, points=3)
+    points = [
+        (100.5, 200.5, 10.5),
+        (101.5, 200.0, 10.0),
+        (102.0, 200.0, 10.0),
+        (116.0, 216.0, 26.0),
+    ]
+    vectors.good("sparse2-example.vol", "the worked example of the specification", data, tree,
+                 content, points=points)  # fmt: skip
 
 
 def add_feet(vectors: Vectors) -> None:
