@@ -19,6 +19,8 @@ PAGES = [
     "docs/how-to/uncertainty.md",
     "docs/how-to/check-accuracy.md",
     "docs/how-to/validate.md",
+    "docs/how-to/export-3d.md",
+    "docs/how-to/export.md",
 ]
 
 
@@ -63,7 +65,7 @@ def test_the_commands_of_a_page_run(page, workplace):
         if line.startswith(installing) or any(tool in line for tool in missing):
             continue
         # the lines of a page stand side by side: each may write the same names
-        line = re.sub(r"volatool (convert|dem) ", r"volatool \1 --overwrite ", line)
+        line = re.sub(r"volatool (convert|dem|export) ", r"volatool \1 --overwrite ", line)
         done = shell(line, workplace)
         assert done.returncode == 0, f"{line}\n{done.stderr}"
 

@@ -17,6 +17,8 @@ from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
 from volatool_cli.commands.doctor import doctor
 from volatool_cli.commands.emap import emap
+from volatool_cli.commands.export import export
+from volatool_cli.commands.import_ import import_
 from volatool_cli.commands.info import info
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
@@ -77,6 +79,8 @@ def cli(ctx: click.Context) -> None:
 
 for command in (convert, stats, info, dem, check, classify, emap, validate, reproduce, doctor):
     cli.add_command(command)
+cli.add_command(export)
+cli.add_command(import_)
 
 
 def main() -> NoReturn:

@@ -106,6 +106,13 @@ cube = group(
         help="Side of the cube, anchored at the minimum of the box.",
     ),
     click.option("--snap", is_flag=True, help="Cube corner on multiples of its side."),
+    click.option(
+        "--cube-from",
+        type=click.Path(dir_okay=False),
+        metavar="VOLUME",
+        help="Cube and, unless given otherwise, depth of a VOLA file: the same grid as another "
+        "epoch's.",
+    ),
 )
 
 depth = group(

@@ -64,6 +64,53 @@ class BoundsType(Base):
             self.fail(f"{value!r} is not X0,Y0,X1,Y1 with X0 <= X1 and Y0 <= Y1", param, ctx)
 
 
+class RangeType(Base):
+    """``LOW,HIGH``, two numbers."""
+
+    name = "LOW,HIGH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a tuple of two floats."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            low, high = (float(part) for part in value.split(","))
+            if low <= high:
+                return low, high
+        except ValueError:
+            pass
+        self.fail(f"{value!r} is not LOW,HIGH with LOW <= HIGH", param, ctx)
+
+
+class LengthRangeType(Base):
+    """``LOW,HIGH``, two lengths; the lower one may be 0."""
+
+    name = "LOW,HIGH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a tuple of two `Length`."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            low, high = value.split(",")
+            return Length.parse(low, or_zero=True), Length.parse(high)
+        except (OptionError, ValueError):
+            self.fail(f"{value!r} is not two lengths LOW,HIGH such as 0.2m,2m", param, ctx)
+
+
+class LengthOrZeroType(Base):
+    """A length that may be 0."""
+
+    name = "LENGTH"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a `Length`."""
+        try:
+            return Length.parse(value, or_zero=True)
+        except OptionError as error:
+            self.fail(str(error), param, ctx)
+
+
 class CodesType(Base):
     """Comma-separated whole numbers 0 to 255."""
 

@@ -12,7 +12,7 @@ import click
 
 from volatool.batch.plan import expand
 from volatool.errors import OptionError, VolatoolError
-from volatool.naming import POINT_SUFFIXES, VOLUME_SUFFIXES
+from volatool.naming import IMPORT_SUFFIXES, POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
@@ -39,7 +39,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     arguments : dict
         The command's options by parameter name.
     kind : str
-        ``"convert"``, ``"dem"``, ``"stats"`` or ``"classify"``.
+        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
     """
     quiet = arguments.pop("quiet")
     configure_logging(quiet, arguments.pop("verbose"), arguments.pop("log"))
@@ -52,7 +52,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         raise OptionError("--outdir is an empty name; is a shell variable unset?")
     folder = None if outdir is None else Path(outdir)
 
-    suffixes = POINT_SUFFIXES + (VOLUME_SUFFIXES if kind == "stats" else ())
+    suffixes = _suffixes(kind, arguments.get("from_format"))
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
     paths = expand(names, _stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)
@@ -86,6 +86,17 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     codes = [report.error["code"] for report in reports if report.error is not None]
     if codes:
         sys.exit(_status(codes, len(reports)))
+
+
+def _suffixes(kind: str, from_format: str | None) -> tuple[str, ...]:
+    """Return what a folder is searched for."""
+    if kind != "import":
+        return POINT_SUFFIXES + (VOLUME_SUFFIXES if kind == "stats" else ())
+    if from_format is None:
+        return IMPORT_SUFFIXES
+    from volatool.imports.registry import FORMATS
+
+    return FORMATS[from_format].suffixes
 
 
 def _status(codes: Sequence[str], n_inputs: int) -> ExitCode:
@@ -157,7 +168,7 @@ def _dry_run(
                     click.echo(str(target))
                 continue
             unmoved = replace(options, to_crs=None)
-            with open_source(path, unmoved, allow_degrees=kind == "classify") as source:
+            with open_source(path, unmoved, allow_degrees=kind == "classify", kind=kind) as source:
                 crs = source.crs.horizontal or "no CRS"
                 click.echo(f"{path}: {source.n_points:,} points, {crs}", err=True)
         except VolatoolError as error:

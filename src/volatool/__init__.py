@@ -13,9 +13,10 @@ from volatool._version import __version__
 from volatool.errors import VolatoolError
 
 if TYPE_CHECKING:
-    from volatool.api import classify, convert, stats
+    from volatool.api import classify, convert, import_points, stats
     from volatool.cube import Cube
     from volatool.emap.live import EMap
+    from volatool.export.api import export_volume
     from volatool.formats.registry import open_volume as open
     from volatool.model import Bounds
     from volatool.points.reader import stream
@@ -32,6 +33,8 @@ _PLACES = {
     "Volume": ("volatool.vola.volume", "Volume"),
     "classify": ("volatool.api", "classify"),
     "convert": ("volatool.api", "convert"),
+    "export_volume": ("volatool.export.api", "export_volume"),
+    "import_points": ("volatool.api", "import_points"),
     "open": ("volatool.formats.registry", "open_volume"),
     "stats": ("volatool.api", "stats"),
     "stream": ("volatool.points.reader", "stream"),
@@ -48,6 +51,8 @@ __all__ = [
     "__version__",
     "classify",
     "convert",
+    "export_volume",
+    "import_points",
     "open",
     "stats",
     "stream",

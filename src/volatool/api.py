@@ -54,6 +54,52 @@ def convert(
     return convert_tile(Path(path), checked, outdir=folder, overwrite=overwrite, progress=progress)
 
 
+def import_points(
+    path: str | os.PathLike[str],
+    outdir: str | os.PathLike[str] | None = None,
+    *,
+    overwrite: bool = False,
+    progress: Progress = no_progress,
+    dem: bool = False,
+    **options: Any,
+) -> Report:
+    """
+    Make a volume and a report of points, a mesh, a grid or a raster of another format.
+
+    Parameters
+    ----------
+    path : path
+        A format of `volatool.imports.registry`: xyz, csv, ply, pcd, npy, npz, KITTI, STL, OBJ,
+        binvox, OctoMap, ESRI ASCII grid, GeoTIFF.
+    outdir : path, optional
+        Folder for the outputs, made if need be; beside the input by default.
+    overwrite : bool
+        Replace outputs that exist.
+    progress : callable
+        Called with (points done, points of the file).
+    dem : bool
+        Make the elevation model too.
+    **options
+        Of `volatool.options.ConvertOptions`; ``from_format``, ``columns``, ``mesh``, ``spacing``
+        and ``swap_yz`` are for imports.
+
+    Returns
+    -------
+    report : Report
+        ``report.paths`` are the files written.
+
+    Raises
+    ------
+    VolatoolError
+        Nothing is left behind then.
+    """
+    folder = None if outdir is None else Path(outdir)
+    checked = _options({**options, "dem": dem})
+    return convert_tile(
+        Path(path), checked, kind="import", outdir=folder, overwrite=overwrite, progress=progress
+    )
+
+
 def classify(
     path: str | os.PathLike[str],
     outdir: str | os.PathLike[str] | None = None,

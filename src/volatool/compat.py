@@ -41,15 +41,7 @@ def make_toolkit_volume(
     assert options.depth is not None
     crs = source.crs if options.crs is not None else CrsInfo()
     lat, lon = place_of(crs, corners)
-    content = build(
-        lambda attributes: source.chunks(attributes, options.chunk_points),
-        options.depth,
-        with_metadata=bool(options.meta),
-        header_zmax=source.header.box[5],
-        epsg=crs.epsg,
-        lat=lat or 0.0,
-        lon=lon or 0.0,
-    )
+    content = _content(source, options, crs.epsg, lat or 0.0, lon or 0.0)
     volume = content.volume()
     bits = 2 if content.has_metadata else 1
     codec = "gzip" if options.gzip else "none"
@@ -88,6 +80,36 @@ def make_toolkit_volume(
         encodings=tuple(rows),
         volume=volume,
         warnings=tuple(warnings),
+    )
+
+
+def _content(
+    source: Source, options: ConvertOptions, epsg: int | None, lat: float, lon: float
+) -> ToolkitVolume:
+    assert options.depth is not None
+    with_metadata = bool(options.meta)
+    from volatool.imports.source import ImportSource
+
+    if isinstance(source, ImportSource):
+        from volatool.imports.toolkit import build as build_import
+
+        return build_import(
+            source.points,
+            options.depth,
+            with_metadata=with_metadata,
+            swap_yz=options.swap_yz,
+            epsg=epsg,
+            lat=lat,
+            lon=lon,
+        )
+    return build(
+        lambda attributes: source.chunks(attributes, options.chunk_points),
+        options.depth,
+        with_metadata=with_metadata,
+        header_zmax=source.header.box[5],
+        epsg=epsg,
+        lat=lat,
+        lon=lon,
     )
 
 

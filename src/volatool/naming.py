@@ -7,10 +7,16 @@ from pathlib import Path
 POINT_SUFFIXES = (".las", ".laz")
 """What a folder is searched for; COPC files end in ``.copc.laz``."""
 
+IMPORT_SUFFIXES = (
+    ".xyz", ".txt", ".csv", ".pts", ".ply", ".pcd", ".npy", ".npz", ".bin", ".stl", ".obj",
+    ".binvox", ".bt", ".asc", ".tif", ".tiff",
+)  # fmt: skip
+"""What `import` takes by itself, and searches a folder for."""
+
 VOLUME_SUFFIXES = (".vol.gz", ".dvol.gz", ".vol", ".dvol")
 """What counts as a VOLA file where points and volumes are both taken."""
 
-_STEM_SUFFIXES = (".copc.laz", *POINT_SUFFIXES, *VOLUME_SUFFIXES)
+_STEM_SUFFIXES = (".copc.laz", *POINT_SUFFIXES, *VOLUME_SUFFIXES, *IMPORT_SUFFIXES)
 
 
 def stem(path: Path) -> str:

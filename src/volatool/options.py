@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import operator
+import os
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -14,7 +15,7 @@ from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
 _LENGTHS = (
-    "cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer", "sigma",
+    "cube", "split", "resolution", "cell", "max_gap", "ell", "tol", "buffer", "sigma", "spacing",
 )  # fmt: skip
 
 MAX_HOLDOUT = 50.0
@@ -35,6 +36,7 @@ _NOT_OF_THE_TOOLKIT = (
     "cube",
     "snap",
     "split",
+    "cube_from",
 )
 _FLAGS = {"classes": "class", "exclude_classes": "exclude-class"}
 
@@ -63,6 +65,17 @@ class ConvertOptions:
         Leave isolated points far above or below out of everything.
     chunk_points : int
         Points read at a time.
+    from_format : str, optional
+        Of an imported file: a name of `volatool.imports.registry`; by default the suffix tells.
+    columns : tuple of str, optional
+        What the columns of an imported table are, ``"-"`` for one that is left out.
+    mesh : str
+        What of an imported mesh becomes points: ``"voxelize"`` (every voxel that the surface
+        touches), ``"sample"``, ``"vertices"``; ``"auto"``: vertices of PLY, else voxelize.
+    spacing : Length, optional
+        Of ``mesh="sample"``: no part of the surface is farther from a point.
+    swap_yz : bool
+        Swap y and z of an imported file.
     salvage, strict : bool
         Use what is readable of a damaged file; refuse faulty headers.
     crs, crs_default, to_crs : str, optional
@@ -71,6 +84,8 @@ class ConvertOptions:
         Side of the cube, or ``"auto"``.
     snap : bool
         Cube corner on multiples of the side.
+    cube_from : str, optional
+        A VOLA file whose cube is used and, if no other option gives one, whose depth.
     split : Length, optional
         One volume per snapped cube of this side.
     depth : int, optional
@@ -141,6 +156,11 @@ class ConvertOptions:
     thin: int | None = None
     robust_z: bool = False
     chunk_points: int = 250_000
+    from_format: str | None = None
+    columns: tuple[str, ...] | None = None
+    mesh: str = "auto"
+    spacing: Length | None = None
+    swap_yz: bool = False
     salvage: bool = False
     strict: bool = False
     crs: str | None = None
@@ -148,6 +168,7 @@ class ConvertOptions:
     to_crs: str | None = None
     cube: Length | str = "auto"
     snap: bool = False
+    cube_from: str | None = None
     split: Length | None = None
     depth: int | None = None
     resolution: Length | None = None
@@ -213,6 +234,8 @@ class ConvertOptions:
             raise OptionError("--ell is for bending springs: --preset paper has none")
         if self.split is not None and (self.cube != "auto" or self.snap):
             raise OptionError("--split cuts into snapped cubes: leave out --cube and --snap")
+        if self.cube_from is not None:
+            self._check_cube_from()
         if self.split is not None and self.budget is not None:
             raise OptionError("--budget is for one volume: leave out --split")
         if self.compat == "toolkit":
@@ -221,6 +244,19 @@ class ConvertOptions:
         for name in ("breaklines", "water", "robust"):
             if getattr(self, name) and self.surface not in ("auto", "dtm", "dsm"):
                 raise OptionError(f"--{name} is for EMap surfaces, not --surface {self.surface}")
+
+    def _check_cube_from(self) -> None:
+        if not isinstance(self.cube_from, str | os.PathLike):
+            raise OptionError(f"cube_from must be the name of a VOLA file, got {self.cube_from!r}")
+        object.__setattr__(self, "cube_from", os.fspath(self.cube_from))
+        if self.cube != "auto" or self.snap or self.split is not None:
+            raise OptionError("--cube-from gives the cube: leave out --cube, --snap and --split")
+
+    @property
+    def takes_depth_from_volume(self) -> bool:
+        """Whether the depth is that of the volume of ``cube_from``."""
+        others = (self.depth, self.resolution, self.budget, self.depth_from)
+        return self.cube_from is not None and all(option is None for option in others)
 
     def _check_seams(self) -> None:
         """Refuse what can't be the same for all tiles of a set."""
@@ -259,6 +295,10 @@ class ConvertOptions:
                     object.__setattr__(self, name, tuple(map(operator.index, codes)))
                 except TypeError as error:
                     raise OptionError(f"{name} must be a sequence of class codes") from error
+        if isinstance(self.columns, str):
+            object.__setattr__(self, "columns", tuple(self.columns.split(",")))
+        if self.spacing is not None and self.mesh != "sample":
+            raise OptionError("--spacing is for --mesh sample")
         if self.thin is not None and self.thin < 1:
             raise OptionError(f"thin must be at least 1, got {self.thin}")
         for name in ("crs", "crs_default", "to_crs"):
@@ -293,6 +333,7 @@ class ConvertOptions:
             "surface": ("auto", "dtm", "dsm", "min", "max", "mean", "idw", "tin"),
             "preset": ("emap", "paper"),
             "compat": (None, "toolkit"),
+            "mesh": ("auto", "voxelize", "sample", "vertices"),
         }
         for name, words in allowed.items():
             if getattr(self, name) not in words:

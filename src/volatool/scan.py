@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,10 +20,11 @@ from volatool.census import (
     header_box,
 )
 from volatool.cube import Cube
-from volatool.errors import CodedWarning, OptionError, ResourceError
+from volatool.errors import CodedWarning, InputError, OptionError, ResourceError
 from volatool.model import I64, Bool, PointChunk, Progress, as_fraction
 from volatool.options import ConvertOptions
 from volatool.points.select import Selection
+from volatool.reference import reference
 
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfaceGatherer
@@ -122,6 +124,12 @@ class TileScanner:
         self.chunk_points = min(options.chunk_points, room)
         self.limits: HeightLimits | None = None
         self.n_passes = 0
+        self.n_outside = 0
+        self.given_cube: Cube | None = None
+        if options.cube_from is not None and with_volume:
+            found = reference(options.cube_from)
+            found.check_crs(source.crs, source.name)
+            self.given_cube = found.cube
 
     def run(self) -> Scan:
         """Read the tile and return what was gathered."""
@@ -136,7 +144,8 @@ class TileScanner:
                 assert builders is not None, "a point outside the box of all points"
             else:
                 census = self._survey(box)  # heights and area are counted over the box
-        return Scan(census, builders or {}, box, self.n_passes, self._box_warnings(census.box))
+        warnings = self._box_warnings(census.box) + self._outside_warnings(census)
+        return Scan(census, builders or {}, box, self.n_passes, warnings)
 
     def visit(self, take: Callable[[PointChunk, Bool | None], None]) -> Scan:
         """
@@ -235,7 +244,11 @@ class TileScanner:
             builder = builders.get((0, 0, 0))
             if builder is None:
                 builder = builders[0, 0, 0] = self.make_builder(cube)
-            return builder.add(used) == 0
+            n_outside = builder.add(used)
+            if self.given_cube is not None:  # no other cube would do: they are left out, and told
+                self.n_outside += n_outside
+                return True
+            return n_outside == 0
         for index, part in self._split(used):
             builder = builders.get(index)
             if builder is None:
@@ -250,7 +263,11 @@ class TileScanner:
         """Return the cube for a box; None if there is none or, with ``--split``, many."""
         if self.options.split is not None or not self.with_volume:
             return None
+        if self.given_cube is not None:
+            return self.given_cube
         header, crs = self.source.header, self.source.crs
+        if self.source.own_grid is not None:
+            return self.source.own_grid[0]
         corners = box_corners(box, header.scale, header.offset, crs.z_ratio)
         side = None
         if self.options.cube != "auto":
@@ -299,6 +316,27 @@ class TileScanner:
             "a longer side",
             "E_SIZE",
         )
+
+    def _outside_warnings(self, census: Census) -> list[CodedWarning]:
+        """Say how many points the cube of ``--cube-from`` leaves out; all of them is an error."""
+        cube = self.given_cube
+        if cube is None or not self.n_outside:
+            return []
+        name = Path(self.options.cube_from or "").name
+        if self.n_outside == census.n_used:
+            raise InputError(
+                f"{self.source.name}: no point lies in the cube of --cube-from {name} (corner "
+                f"{cube.origin}, side {cube.side:g}); is it of the same place and in the same CRS?",
+                "E_GRID",
+            )
+        return [
+            CodedWarning(
+                "W_OUTSIDE_CUBE",
+                f"{self.n_outside} of {census.n_used} points lie outside the cube of --cube-from "
+                f"{name}; they are not in the volume",
+                self.n_outside,
+            )
+        ]
 
     def _box_warnings(self, box: StoredBox | None) -> list[CodedWarning]:
         """Say when the header's box is not that of the points (by more than its last digit)."""

@@ -23,14 +23,19 @@ from volatool.outputs import OutputSet, refuse_existing
 from volatool.report import Report
 from volatool.scan import Scan, TileScanner
 from volatool.scratch import Scratch
-from volatool.volumes import VolumePart, depth_in_advance, make_volumes
+from volatool.volumes import VolumePart, depth_in_advance, make_volumes, own_depth
 
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfaceGatherer
     from volatool.dem.surfaces import Dem
+    from volatool.imports.source import ImportSource
+    from volatool.points.reader import PointSource
     from volatool.points.source import Source
     from volatool.vola.builder import VolaBuilder
     from volatool.vola.volume import Volume
+
+_WRITERS = ("convert", "import")
+"""Kinds that write volumes and a report."""
 
 logger = logging.getLogger(__name__)
 
@@ -50,12 +55,13 @@ def convert_tile(
     Parameters
     ----------
     path : pathlib.Path
-        LAS, LAZ or COPC; for ``"stats"`` and ``"dem"`` also a VOLA file.
+        LAS, LAZ or COPC; for ``"stats"`` and ``"dem"`` also a VOLA file; for ``"import"`` one of
+        the formats of `volatool.imports.registry`.
     options : ConvertOptions
         What is asked for.
     kind : str
-        ``"convert"`` writes volume, elevation model and report; ``"dem"`` the elevation model;
-        ``"stats"`` nothing.
+        ``"convert"`` and ``"import"`` write volume, elevation model and report; ``"dem"`` the
+        elevation model; ``"stats"`` nothing.
     outdir : pathlib.Path, optional
         Folder for the outputs; beside the input by default.
     overwrite : bool
@@ -82,12 +88,12 @@ def convert_tile(
     refuse_existing(planned, overwrite)
     if kind == "dem" and _is_volume(path):
         return _volume_dem(path, options, outdir, overwrite, planned, started)
-    with open_source(path, options) as source, OutputSet(overwrite) as outputs:
+    with open_source(path, options, kind=kind) as source, OutputSet(overwrite) as outputs:
         with Scratch(resources.working_budget(options.memory)) as scratch:
             tile = _Tile(path, options, kind, outdir, source, scratch, outputs)
             report = tile.run(progress)
         report = _with_usage(report, options, started)
-        if kind == "convert":
+        if kind in _WRITERS:
             temporary = outputs.add(tile.target(".stats.json"))
             with output_stream(temporary) as stream:
                 stream.write((report.to_json(indent=2) + "\n").encode())
@@ -137,7 +143,7 @@ def planned_outputs(
         As in `convert_tile`; the kind may also be ``"classify"``.
     """
     suffixes = []
-    if kind == "convert":
+    if kind in _WRITERS:
         packed = ".gz" if options.gzip else ""
         if options.split is None:
             suffixes.append(".vol" + packed)
@@ -148,7 +154,7 @@ def planned_outputs(
             suffixes.append(".preview.png")
     if kind == "classify":
         suffixes.append(".laz")
-    if kind == "dem" or (kind == "convert" and options.dem):
+    if kind == "dem" or (kind in _WRITERS and options.dem):
         suffixes += [".dem.tif", *(f".dem.{layer}.tif" for layer in options.layers)]
     folder = path.parent if outdir is None else outdir
     return [folder / (stem(path) + suffix) for suffix in suffixes]
@@ -156,7 +162,7 @@ def planned_outputs(
 
 @contextmanager
 def open_source(
-    path: Path, options: ConvertOptions, *, allow_degrees: bool = False
+    path: Path, options: ConvertOptions, *, allow_degrees: bool = False, kind: str = "convert"
 ) -> Iterator[Source]:
     """
     Open an input, reprojected if that is asked for.
@@ -164,32 +170,26 @@ def open_source(
     Parameters
     ----------
     path : pathlib.Path
-        LAS, LAZ or COPC.
+        LAS, LAZ or COPC; for the kind ``"import"`` one of the formats of `volatool.imports`.
     options : ConvertOptions
-        CRS options, ``salvage`` and ``strict``.
+        CRS options, ``salvage`` and ``strict``; those of imports.
     allow_degrees : bool
         Don't refuse coordinates in degrees.
+    kind : str
+        As in `convert_tile`.
 
     Raises
     ------
     CRSError
         ``E_GEOGRAPHIC``: coordinates are degrees and no other CRS is asked for.
     """
-    from volatool.points.reader import open_points
-
     if _is_volume(path) and path.is_file():
         raise FormatError(
             f"{path.name}: is a VOLA volume, not points; `volatool dem` makes an elevation model "
             "of it, `volatool stats` its tables",
             "E_NOT_LAS",
         )
-    with open_points(
-        path,
-        crs=options.crs,
-        crs_default=options.crs_default,
-        salvage=options.salvage,
-        strict=options.strict,
-    ) as source:
+    with _opened(path, options, kind) as source:
         if options.to_crs is not None:
             from volatool.points.reproject import Reprojected
 
@@ -216,6 +216,22 @@ def open_source(
         yield source
 
 
+def _opened(path: Path, options: ConvertOptions, kind: str) -> PointSource | ImportSource:
+    if kind == "import":
+        from volatool.imports.source import ImportSource
+
+        return ImportSource(path, options)
+    from volatool.points.reader import open_points
+
+    return open_points(
+        path,
+        crs=options.crs,
+        crs_default=options.crs_default,
+        salvage=options.salvage,
+        strict=options.strict,
+    )
+
+
 def _is_volume(path: Path) -> bool:
     return path.name.lower().endswith(VOLUME_SUFFIXES)
 
@@ -226,15 +242,28 @@ def input_document(path: Path, source: Source, scan: Scan) -> dict[str, Any]:
     return {
         "name": path.name,
         "bytes": header.size_bytes,
-        "las_version": header.version,
-        "point_format": header.point_format,
-        "compressed": header.is_compressed,
+        **_format_of(source),
         "las_equivalent_bytes": header.las_equivalent_bytes,
         "points_header": header.n_points,
         "bbox": corners_of(source, scan) or None,
         "crs": source.crs.to_dict(),
         "passes": scan.n_passes,
         **scan.census.to_dict(header.scale),
+    }
+
+
+def _format_of(source: Source) -> dict[str, Any]:
+    """Return what the report says of the file's format."""
+    from volatool.imports.source import ImportSource
+
+    if isinstance(source, ImportSource):
+        nothing = dict.fromkeys(("las_version", "point_format", "compressed"))
+        return {**nothing, "format": source.format}
+    header = source.header
+    return {
+        "las_version": header.version,
+        "point_format": header.point_format,
+        "compressed": header.is_compressed,
     }
 
 
@@ -273,7 +302,7 @@ class _Tile:
         self.scratch = scratch
         self.outputs = outputs
         self.warnings: list[CodedWarning] = []
-        self.wants_dem = kind == "dem" or (kind == "convert" and options.dem)
+        self.wants_dem = kind == "dem" or (kind in _WRITERS and options.dem)
         self.channels = self._channels()
 
     def target(self, suffix: str) -> Path:
@@ -348,25 +377,25 @@ class _Tile:
                     self.target,
                 )
             except (InputError, ResourceError) as error:
-                if self.kind == "convert":  # nothing half-written: the volume goes too
+                if self.kind in _WRITERS:  # nothing half-written: the volume goes too
                     error.args = (f"{error}; --no-dem leaves the elevation model out",)
                 raise
             dem = made.dem
             self.warnings += made.warnings
             report = replace(report, dem=made.document)
-        if self.options.preview and self.kind == "convert" and volume is not None:
+        if self.options.preview and self.kind in _WRITERS and volume is not None:
             self._preview(dem, volume)
         return replace(report, warnings=tuple(self.warnings))
 
     def _volume_part(self, scan: Scan) -> VolumePart | None:
         """Build and write the volumes; None if there is none to build."""
-        base = self.target("") if self.kind == "convert" else None
+        base = self.target("") if self.kind in _WRITERS else None
         corners = self._corners(scan)
         if scan.builders:
             return make_volumes(
                 scan.builders, self.source, self.options, self.outputs, base, corners
             )
-        if self.options.compat == "toolkit" and self.kind == "convert" and corners:
+        if self.options.compat == "toolkit" and self.kind in _WRITERS and corners:
             from volatool.compat import make_toolkit_volume
 
             return make_toolkit_volume(self.source, self.options, self.outputs, base, corners)
@@ -383,7 +412,9 @@ class _Tile:
         from volatool.vola.builder import VolaBuilder
 
         options = self.options
-        fixed = depth_in_advance(options, self.source.crs, cube)
+        fixed = own_depth(options, self.source)
+        if fixed is None:
+            fixed = depth_in_advance(options, self.source.crs, cube)
         keep = options.max_depth if options.budget is not None else fixed
         return VolaBuilder(
             cube,

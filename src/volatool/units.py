@@ -44,9 +44,16 @@ class Length:
     unit: str | None = None
 
     @classmethod
-    def parse(cls, text: str | float | Length) -> Length:
+    def parse(cls, text: str | float | Length, *, or_zero: bool = False) -> Length:
         """
         Return a length from text such as ``"1m"``, ``"0.5 ft"`` or ``"2.5"``.
+
+        Parameters
+        ----------
+        text : str, float or Length
+            With a unit or without.
+        or_zero : bool
+            0 is a length too.
 
         Raises
         ------
@@ -61,6 +68,8 @@ class Length:
         if isinstance(text, Length):
             return text
         match = _LENGTH.fullmatch(str(text).strip())
+        if match is not None and or_zero and not Fraction(match[1]):
+            return cls(Fraction(0), match[2])
         if match is None or not 0 < Fraction(match[1]) <= _LONGEST:
             raise OptionError(
                 f"{text!r} is not a length: give a number greater than 0 and, if need be, "

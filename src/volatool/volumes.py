@@ -27,6 +27,7 @@ from volatool.occupancy import depth as rules
 from volatool.occupancy.levels import LevelRow, add_counts, level_rows
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet
+from volatool.reference import reference
 from volatool.units import format_size
 
 if TYPE_CHECKING:
@@ -62,8 +63,10 @@ class VolumePart:
     warnings: tuple[CodedWarning, ...]
 
 
-def check_dataset(options: ConvertOptions) -> None:
-    """Raise now if ``--depth-from`` names nothing of use."""
+def check_files(options: ConvertOptions) -> None:
+    """Raise now if ``--depth-from`` or ``--cube-from`` names nothing of use."""
+    if options.cube_from is not None:
+        reference(options.cube_from)
     if options.depth_from is not None:
         rules.dataset_depth(_dataset(options.depth_from), Cube((0.0, 0.0, 0.0), 1.0))
 
@@ -88,7 +91,17 @@ def depth_in_advance(options: ConvertOptions, crs: CrsInfo, cube: Cube) -> int |
         return rules.depth_for_resolution(cube, float(cell), options.max_depth)
     if options.depth_from is not None:
         return rules.dataset_depth(_dataset(options.depth_from), cube).depth
+    if options.takes_depth_from_volume:
+        return reference(options.cube_from or "").depth
     return None
+
+
+def own_depth(options: ConvertOptions, source: Source) -> int | None:
+    """Return the depth of an imported grid, None without one or if another rule is asked for."""
+    rule = (options.depth, options.resolution, options.budget, options.depth_from)
+    if source.own_grid is None or any(value is not None for value in rule):
+        return None
+    return source.own_grid[1]
 
 
 @functools.lru_cache(maxsize=1)
@@ -140,7 +153,11 @@ def make_volumes(
     info = _info(source)
     if options.split is None:  # the size of a file under --budget depends on all its bytes
         info = _placed(info, source, built[largest], corners)
-    choice = _choose(options, source.crs, built[largest], counts, n_points, info)
+    given = own_depth(options, source)
+    if given is not None:
+        choice = rules.own_depth(given, built[largest].cube, counts)
+    else:
+        choice = _choose(options, source.crs, built[largest], counts, n_points, info)
     last = max(choice.depth, rules.stop_level(counts, n_points, options.max_depth))
     rows: tuple[LevelRow, ...] = level_rows(
         counts[:last], built[largest].cube.exact[3], n_points, tiles=len(built)
@@ -227,6 +244,9 @@ def _choose(
         return rules.resolution_depth(cube, cell, options.max_depth, counts)
     if options.depth_from is not None:
         return rules.dataset_depth(_dataset(options.depth_from), cube, counts)
+    if options.takes_depth_from_volume:
+        found = reference(options.cube_from or "")
+        return rules.volume_depth(found.depth, found.name, cube, counts)
     if options.budget is not None:
         deepest = built.volume(built.deepest, info)
         bits = 2 if deepest.has_metadata else 1

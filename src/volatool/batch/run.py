@@ -15,7 +15,7 @@ from volatool.options import ConvertOptions
 from volatool.outputs import refuse_existing
 from volatool.report import Report
 from volatool.tile import convert_tile, planned_outputs
-from volatool.volumes import check_dataset
+from volatool.volumes import check_files
 
 logger = logging.getLogger(__name__)
 
@@ -42,7 +42,7 @@ def run_inputs(
     options : ConvertOptions
         For all of them.
     kind : str
-        ``"convert"``, ``"dem"``, ``"stats"`` or ``"classify"``.
+        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
     outdir : pathlib.Path or None
         Folder for the outputs; beside each input by default.
     overwrite : bool
@@ -62,7 +62,7 @@ def run_inputs(
     OptionError
         Outputs that exist or collide, and options that fit no input, before any work.
     """
-    check_dataset(options)
+    check_files(options)
     if kind != "stats":
         refuse_collisions(paths, outdir)
         if kind == "classify":

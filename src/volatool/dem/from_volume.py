@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from volatool import resources
 from volatool.dem.cell import choose_cell
 from volatool.dem.gather import SurfaceGatherer, SurfacePoints
-from volatool.dem.grid import grid_for
+from volatool.dem.grid import Grid, grid_for
 from volatool.dem.neighbours import Box
 from volatool.errors import CodedWarning, CRSError, OptionError, ResourceError
 from volatool.model import I32, CrsInfo, PointChunk, as_fraction
@@ -262,3 +262,35 @@ def _tops(voxels: I32) -> I32:
     mask = np.uint64((1 << 21) - 1)
     shifts = (np.uint64(shift) for shift in (42, 21, 0))
     return np.column_stack([((keys >> shift) & mask).astype(np.int32) for shift in shifts])
+
+
+def ground_under(volume: Volume, grid: Grid) -> NDArray[np.float64]:
+    """
+    Return the bare earth of a volume: what ``dem --surface dtm`` makes of it, on cells given.
+
+    Parameters
+    ----------
+    volume : Volume
+        With at least one voxel.
+    grid : Grid
+        The cells.
+
+    Returns
+    -------
+    heights : (h, w) array of float64
+        Of the cells' centres in the vertical unit, row 0 at the top; NaN where void.
+
+    Raises
+    ------
+    InputError
+        ``E_NO_GROUND``: the ground filter keeps no voxel.
+    """
+    from volatool.dem.surfaces import make_dem
+
+    with Scratch() as scratch:
+        points = gather_voxels(volume, "dtm", scratch).result(volume.crs)
+        try:
+            dem = make_dem(points, volume.crs, grid.exact[2], grid=grid, scratch=scratch)
+        finally:
+            points.close()
+    return dem.z.astype(np.float64)

@@ -378,6 +378,95 @@ def read_grid(path: Path) -> tuple[Grid, str | None]:
         return Grid(t.c, t.f, t.a, file.width, file.height), wkt
 
 
+@dataclass(frozen=True, slots=True)
+class Place:
+    """
+    Where a raster's cells are, which need not be square.
+
+    Parameters
+    ----------
+    left, top : float
+        Its upper left corner.
+    step_x, step_y : float
+        Edges of a cell, above zero.
+    wkt : str or None
+        Coordinate reference system.
+    """
+
+    left: float
+    top: float
+    step_x: float
+    step_y: float
+    wkt: str | None
+
+
+def read_place(path: Path) -> Place:
+    """
+    Return where the cells of an elevation model are.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A GeoTIFF of one band, north up.
+
+    Raises
+    ------
+    InputNotFoundError, FormatError, ResourceError
+        Not there; not such a file; more than `MAX_CELLS` cells.
+    """
+    with _elevations(path) as file:
+        t = file.transform
+        wkt = file.crs.to_wkt(version="WKT2_2019") if file.crs else None
+        return Place(t.c, t.f, t.a, -t.e, wkt)
+
+
+def height_rows(path: Path) -> Iterator[tuple[int, F64]]:
+    """
+    Yield an elevation model some rows at a time, from the north.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        As for `read_place`.
+
+    Yields
+    ------
+    first, heights : int, (h, w) array of float64
+        Number of the first row; NaN where there is no value.
+    """
+    from rasterio.windows import Window
+
+    with _elevations(path) as file:
+        rows = max(1, BLOCK * BLOCK * 4 // file.width)
+        for start in range(0, file.height, rows):
+            window = Window(0, start, file.width, min(rows, file.height - start))
+            cells = file.read(1, window=window)
+            heights = cells.astype(np.float64)
+            if file.nodata is not None:
+                heights[cells == cells.dtype.type(file.nodata)] = np.nan
+            scale, offset = file.scales[0], file.offsets[0]
+            yield start, heights if (scale, offset) == (1.0, 0.0) else heights * scale + offset
+
+
+@contextlib.contextmanager
+def _elevations(path: Path) -> Iterator[Any]:
+    import rasterio
+
+    if not path.exists():
+        raise InputNotFoundError(f"{path}: no such file")
+    with _gdal(path, is_output=False), rasterio.open(path, driver="GTiff") as file:
+        t = file.transform
+        if file.count != 1 or t.b or t.d or not (t.a > 0 > t.e) or file.dtypes[0] == "complex64":
+            raise FormatError(f"{path}: not a raster of one band, north up")
+        if file.width * file.height > MAX_CELLS:
+            raise ResourceError(
+                f"{path}: has {file.width} x {file.height} cells, more than any model of volatool "
+                "may have",
+                "E_SIZE",
+            )
+        yield file
+
+
 def read_heights_at(path: Path, x: F64, y: F64) -> tuple[F64, NDArray[np.bool_]]:
     """
     Return a raster's values at places, bilinear between the cells' centres.

@@ -10,7 +10,7 @@ from volatool.errors import CRSError
 from volatool.model import CrsInfo
 
 
-def grid_like(path: Path, crs: CrsInfo) -> Grid:
+def grid_like(path: Path, crs: CrsInfo, option: str = "--like") -> Grid:
     """
     Return the cells of a raster in the CRS of a tile.
 
@@ -20,6 +20,8 @@ def grid_like(path: Path, crs: CrsInfo) -> Grid:
         A GeoTIFF with square cells, north up; its corner may lie anywhere.
     crs : CrsInfo
         Of the tile; a tile or a raster without one is taken at its word.
+    option : str
+        What named the raster, for the message.
 
     Raises
     ------
@@ -39,7 +41,7 @@ def grid_like(path: Path, crs: CrsInfo) -> Grid:
         is_same = mine.equals(theirs, ignore_axis_order=True)
         if not is_same and (None in codes or codes[0] != codes[1]):
             raise CRSError(
-                f"--like {path}: is in {theirs.name}, the tile in {mine.name}; give --to-crs, or "
+                f"{option} {path}: is in {theirs.name}, the tile in {mine.name}; give --to-crs, or "
                 "a raster in the tile's CRS"
             )
     return grid

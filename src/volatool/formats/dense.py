@@ -44,7 +44,13 @@ def dense_bytes(depth: int, metadata: bool) -> int:
     return HEADER_BYTES + (1 + metadata) * level_bytes(depth)
 
 
-def write(stream: BinaryIO, volume: Volume, *, with_trailer: bool = True) -> int:
+def write(
+    stream: BinaryIO,
+    volume: Volume,
+    *,
+    with_trailer: bool = True,
+    header: Header | None = None,
+) -> int:
     """
     Write a volume; memory is proportional to its voxels, not to the file.
 
@@ -57,6 +63,8 @@ def write(stream: BinaryIO, volume: Volume, *, with_trailer: bool = True) -> int
         (class: the most frequent, ties to the lowest code).
     with_trailer : bool
         Append the trailer.
+    header : Header, optional
+        Another header than the volume's own.
 
     Returns
     -------
@@ -70,7 +78,7 @@ def write(stream: BinaryIO, volume: Volume, *, with_trailer: bool = True) -> int
     """
     refuse_size(volume.depth, volume.has_metadata)
     body = Body(stream)
-    body.write(Header.of(volume, DENSE).to_bytes())
+    body.write((header or Header.of(volume, DENSE)).to_bytes())
     for level in range(1, volume.depth + 1):
         strips = level_strips(volume, level)
         if strips.metadata is not None:

@@ -31,7 +31,7 @@ from typing import Any
 from volatool._version import __version__
 from volatool.cube import Cube
 from volatool.errors import FormatError, TruncatedError
-from volatool.formats.header import Header
+from volatool.formats.header import NO_CRS, Header
 from volatool.model import CrsInfo
 from volatool.vola.info import VolumeInfo
 from volatool.vola.volume import Volume
@@ -244,10 +244,41 @@ def interpret(content: dict[str, Any], header: Header) -> tuple[Cube, VolumeInfo
         ) from error
 
 
-def _cube(content: dict[str, Any], header: Header) -> Cube:
+def recall(content: dict[str, Any]) -> tuple[Cube, VolumeInfo]:
+    """
+    Return the cube and the facts that `describe` wrote, where there is no header.
+
+    Parameters
+    ----------
+    content : dict
+        The JSON object, from a comment in a file of another format.
+
+    Raises
+    ------
+    FormatError
+        A value of the wrong type, or one that makes no sense.
+    """
+    try:
+        cube, epsg = _own_cube(content["cube"]), _whole(content["crs"]["epsg"])
+        if cube.side <= 0:
+            raise ValueError(f"side {cube.side}")
+        x, y, z = cube.origin
+        box = (x, y, z, x + cube.side, y + cube.side, z + cube.side)
+        header = Header(0, 1, 0, NO_CRS if epsg is None else epsg, 0.0, 0.0, box)
+        return cube, _info(content, header)
+    except (KeyError, TypeError, ValueError, ZeroDivisionError, OverflowError) as error:
+        raise FormatError(
+            f"the line of volatool makes no sense: {type(error).__name__} {short(error)}"
+        ) from error
+
+
+def _own_cube(content: dict[str, Any]) -> Cube:
     origin = [_fraction(value) for value in content["origin"]]
-    side = _fraction(content["side"])
-    cube = Cube.from_exact(origin, side, bool(content["snapped"]))
+    return Cube.from_exact(origin, _fraction(content["side"]), bool(content["snapped"]))
+
+
+def _cube(content: dict[str, Any], header: Header) -> Cube:
+    cube = _own_cube(content)
     # the header's side went through a subtraction of large coordinates
     slack = 8 * max(math.ulp(abs(value)) for value in header.box)
     if cube.origin != header.box[:3] or abs(cube.side - header.side) > slack:

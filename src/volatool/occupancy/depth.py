@@ -32,7 +32,7 @@ class Choice:
     depth : int
         Number of levels.
     rule : str
-        ``"occupancy"``, ``"fixed"``, ``"resolution"``, ``"budget"`` or ``"dataset"``.
+        ``"occupancy"``, ``"fixed"``, ``"resolution"``, ``"budget"``, ``"dataset"`` or ``"volume"``.
     threshold : float or None
         Least occupancy asked for, of the rule ``"occupancy"``.
     margin : float or None
@@ -177,6 +177,11 @@ def fixed_depth(depth: int, cube: Cube, counts: Sequence[LevelCounts] = ()) -> C
     return _with_levels(depth, "fixed", f"depth {depth} was asked for", counts, cube)
 
 
+def own_depth(depth: int, cube: Cube, counts: Sequence[LevelCounts] = ()) -> Choice:
+    """Return the choice of an imported grid or mesh, which has a depth of its own."""
+    return _with_levels(depth, "fixed", f"depth {depth} is that of the cells read", counts, cube)
+
+
 def depth_for_resolution(cube: Cube, cell: float, max_depth: int) -> int:
     """
     Return the depth whose cells come nearest to an edge length without being coarser.
@@ -288,6 +293,11 @@ def dataset_depth(
         raise OptionError("--depth-from: the file has no choice.depth; give one that stats wrote")
     lead = f"depth {depth} was chosen for the whole data set"
     return _with_levels(depth, "dataset", lead, counts, cube)
+
+
+def volume_depth(depth: int, name: str, cube: Cube, counts: Sequence[LevelCounts] = ()) -> Choice:
+    """Return the choice of ``--cube-from VOLUME``: the depth of that volume."""
+    return _with_levels(depth, "volume", f"{name} has {depth} levels", counts, cube)
 
 
 def _with_levels(

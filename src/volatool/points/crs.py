@@ -238,6 +238,52 @@ def mover(text: str, to: CrsInfo) -> Mover | None:
     return Mover(transformer, bool(source.is_geographic))
 
 
+def difference(one: CrsInfo, other: CrsInfo) -> str | None:
+    """
+    Tell in what two coordinate reference systems differ, so that their numbers can't be compared.
+
+    Parameters
+    ----------
+    one, other : CrsInfo
+        What is not known of either is taken to be as the other says; but heights of an unknown unit
+        count as being in that of x and y, as everywhere.
+
+    Returns
+    -------
+    difference : str or None
+        ``"EPSG:25832 and EPSG:25833"``, for people; None if there is none. The name or code of a
+        CRS is believed before its text: WKT of two programs is seldom the same.
+    """
+    metres = one.metres_per_unit_xy, other.metres_per_unit_xy
+    if None not in metres and metres[0] != metres[1]:
+        return f"x and y in {one.unit_xy} and in {other.unit_xy}"
+    if one.z_ratio != other.z_ratio:
+        return f"heights in {one.unit_z or one.unit_xy} and in {other.unit_z or other.unit_xy}"
+    if one.wkt2 is None or other.wkt2 is None or one.wkt2 == other.wkt2:
+        return None
+    pairs = ((one.horizontal, other.horizontal), (one.vertical, other.vertical))
+    for i, names in enumerate(pairs):
+        if None in names or names[0] == names[1]:
+            continue
+        if not _are_equal(_part(one.wkt2, i), _part(other.wkt2, i)):
+            return f"{names[0]} and {names[1]}"
+    return None
+
+
+def _part(wkt: str, which: int) -> pyproj.CRS | None:
+    """Return the horizontal (0) or vertical (1) part of a CRS."""
+    try:
+        return split(unbound(pyproj.CRS.from_wkt(wkt)))[which]
+    except ForeignCRSError:
+        return None
+
+
+def _are_equal(one: pyproj.CRS | None, other: pyproj.CRS | None) -> bool:
+    if one is None or other is None:
+        return False
+    return bool(one.equals(other, ignore_axis_order=True))
+
+
 def _wkt2(crs: pyproj.CRS) -> str | None:
     """Return WKT2:2019, or the older WKT of what can't be written so."""
     for version in ("WKT2_2019", "WKT2_2019_SIMPLIFIED", "WKT1_GDAL"):
@@ -282,3 +328,60 @@ def _epsg_of_wkt(wkt: str) -> int | None:
     except (ForeignCRSError, ProjError):
         return None
     return None if code is None else int(code)
+
+
+def las_wkt(crs: CrsInfo) -> str | None:
+    """
+    Return the WKT of a CRS for a LAS file.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        With WKT, or with a name that PROJ knows (files of the original toolkit have no more).
+
+    Returns
+    -------
+    wkt : str or None
+        WKT 1, as LAS 1.4 asks for, where it says the same; else WKT 2. None if there is no CRS.
+    """
+    found = _found(crs)
+    if found is None:
+        return None
+    wanted = describe(found, crs.source)
+    with python_warnings.catch_warnings():
+        python_warnings.simplefilter("ignore")  # it may lose what we compare next
+        try:
+            wkt = str(found.to_wkt("WKT1_GDAL"))
+            if _is_alike(describe(pyproj.CRS.from_wkt(wkt), crs.source), wanted):
+                return wkt
+        except (ForeignCRSError, ProjError):
+            pass
+    return wanted.wkt2
+
+
+def known_wkt(crs: CrsInfo) -> str | None:
+    """
+    Return the WKT 2 of a CRS, also of one of which only the code is known.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        As for `las_wkt`.
+    """
+    found = _found(crs)
+    return None if found is None else _wkt2(found)
+
+
+def _found(crs: CrsInfo) -> pyproj.CRS | None:
+    """Return a CRS by its WKT or its name; None if there is none, or PROJ does not know it."""
+    try:
+        if crs.wkt2 is not None:
+            return pyproj.CRS.from_wkt(crs.wkt2)
+        return None if crs.horizontal is None else pyproj.CRS.from_user_input(crs.horizontal)
+    except ForeignCRSError:
+        return None
+
+
+def _is_alike(a: CrsInfo, b: CrsInfo) -> bool:
+    names = ("horizontal", "vertical", "metres_per_unit_xy", "metres_per_unit_z", "is_geographic")
+    return all(getattr(a, name) == getattr(b, name) for name in names)

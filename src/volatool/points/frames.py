@@ -72,8 +72,8 @@ def frames_of_npy(stream: BinaryIO, name: str = "stdin") -> Iterator[Frame]:
         head = stream.read(1)
         if not head:
             return
-        reader = _Reader(stream, head, at, name)
-        shape, is_fortran, dtype = _npy_header(reader, f"{name}, byte {at}")
+        reader = Reader(stream, head, at, name)
+        shape, is_fortran, dtype = npy_header(reader, f"{name}, byte {at}")
         count = int(np.prod(shape, dtype=object)) if shape else 1
         if dtype.hasobject or count * dtype.itemsize > MAX_POINTS * 8 * 3:
             raise FormatError(
@@ -168,8 +168,23 @@ def _whole(path: Path) -> bytes:
 
 
 @dataclass(slots=True)
-class _Reader:
-    """Exact reads from a pipe, with the offset for messages."""
+class Reader:
+    """
+    Exact reads from a pipe, with the offset for messages.
+
+    Parameters
+    ----------
+    stream : binary file
+        Need not be seekable.
+    pushed : bytes
+        Read already, to be given again.
+    at : int
+        Offset of the stream.
+    name : str
+        For messages.
+    is_over : bool
+        The end was met.
+    """
 
     stream: BinaryIO
     pushed: bytes
@@ -205,7 +220,22 @@ class _Reader:
         return b"".join(parts)
 
 
-def _npy_header(reader: _Reader, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+def npy_header(reader: Reader, where: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """
+    Return shape, order (True: Fortran) and type of the array that begins at a reader's place.
+
+    Parameters
+    ----------
+    reader : Reader
+        Read up to the first value.
+    where : str
+        For messages.
+
+    Raises
+    ------
+    FormatError, TruncatedError
+        No array begins there, or the file ends in its header.
+    """
     start = reader.at
     try:
         version = np.lib.format.read_magic(reader)

@@ -1,4 +1,4 @@
-"""Point Cloud Data files of PCL: the x, y, z of ascii, binary and binary_compressed ones.
+"""Point Cloud Data files of PCL, ascii, binary and binary_compressed: header, records, x, y, z.
 
 https://pointclouds.org/documentation/tutorials/pcd_file_format.html. The VIEWPOINT is not applied.
 """
@@ -6,6 +6,7 @@ https://pointclouds.org/documentation/tutorials/pcd_file_format.html. The VIEWPO
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,16 +29,40 @@ _SIZES = {"F": (4, 8), "U": (1, 2, 4, 8), "I": (1, 2, 4, 8)}
 
 
 @dataclass(frozen=True, slots=True)
-class _Header:
-    """What the header says; `places` are the columns of x, y and z in ascii data."""
+class PcdHeader:
+    """
+    What the header says.
 
-    names: list[str]
+    Parameters
+    ----------
+    fields : list of str
+        Names; they may repeat (``_`` pads).
+    record : numpy dtype
+        Of a point: fields called by their number, ``"0"``, ``"1"`` ..., each of COUNT values.
+    starts : list of int
+        First column of each field in ascii data, and the number of columns.
+    xyz : list of int
+        Numbers of the fields x, y and z.
+    n_points : int
+        As claimed.
+    kind : str
+        ``"ascii"``, ``"binary"`` or ``"binary_compressed"``.
+    data_start : int
+        Byte behind the header.
+    """
+
+    fields: list[str]
     record: np.dtype[np.void]
-    places: list[int]
-    n_columns: int
+    starts: list[int]
+    xyz: list[int]
     n_points: int
     kind: str
     data_start: int
+
+    @property
+    def n_columns(self) -> int:
+        """Values of a point in ascii data."""
+        return self.starts[-1]
 
 
 def parse_pcd(data: bytes) -> F64:
@@ -59,13 +84,28 @@ def parse_pcd(data: bytes) -> F64:
     FormatError, TruncatedError, ResourceError
         ``E_CORRUPT``, ``E_TRUNCATED`` with the offset, ``E_SIZE``; without the file's name.
     """
-    header = _header(data)
+    header = read_header(data)
     readers = {"ascii": _ascii, "binary": _records, "binary_compressed": _packed}
     with np.errstate(invalid="ignore"):  # a signalling NaN is a point without a return too
         return readers[header.kind](data, header)
 
 
-def _header(data: bytes) -> _Header:
+def read_header(data: bytes, max_points: int = MAX_POINTS) -> PcdHeader:
+    """
+    Return the header.
+
+    Parameters
+    ----------
+    data : bytes
+        The file, or its first `MAX_HEADER_BYTES` + 1 bytes.
+    max_points : int
+        More are refused.
+
+    Raises
+    ------
+    FormatError, TruncatedError, ResourceError
+        As for `parse_pcd`.
+    """
     entries: dict[str, list[str]] = {}
     start = 0
     while "DATA" not in entries:
@@ -86,10 +126,10 @@ def _header(data: bytes) -> _Header:
                 )
             entries[words[0]] = words[1:]
         start = end + 1
-    return _checked(entries, start)
+    return _checked(entries, start, max_points)
 
 
-def _checked(entries: dict[str, list[str]], data_start: int) -> _Header:
+def _checked(entries: dict[str, list[str]], data_start: int, max_points: int) -> PcdHeader:
     names = entries.get("FIELDS") or entries.get("COLUMNS") or []
     n = len(names)
     try:
@@ -108,8 +148,8 @@ def _checked(entries: dict[str, list[str]], data_start: int) -> _Header:
             raise FormatError(f"a field of TYPE {letter}, SIZE {size}, COUNT {count} can't be read")
     if sum(size * count for size, count in zip(sizes, counts, strict=True)) > MAX_RECORD_BYTES:
         raise FormatError(f"a point would take more than {MAX_RECORD_BYTES} bytes")
-    if n_points < 0 or n_points > MAX_POINTS:
-        raise ResourceError(f"claims {n_points} points; a scan has at most {MAX_POINTS}", "E_SIZE")
+    if n_points < 0 or n_points > max_points:
+        raise ResourceError(f"claims {n_points} points; a scan has at most {max_points}", "E_SIZE")
     if kind not in ("ascii", "binary", "binary_compressed"):
         raise FormatError(f"DATA {kind} is not ascii, binary or binary_compressed")
     starts = np.concatenate(([0], np.cumsum(counts)))
@@ -125,13 +165,10 @@ def _checked(entries: dict[str, list[str]], data_start: int) -> _Header:
             for k, (letter, size, count) in enumerate(zip(kinds, sizes, counts, strict=True))
         ]
     )
-    places = [int(starts[k]) for k in axes]
-    return _Header(
-        [str(k) for k in axes], record, places, int(starts[-1]), n_points, kind, data_start
-    )
+    return PcdHeader(names, record, starts.tolist(), axes, n_points, kind, data_start)
 
 
-def _ascii(data: bytes, header: _Header) -> F64:
+def _ascii(data: bytes, header: PcdHeader) -> F64:
     rows = data[header.data_start :].split(b"\n")
     lines = [line for line in rows if line.strip()]
     if len(lines) < header.n_points:
@@ -142,23 +179,54 @@ def _ascii(data: bytes, header: _Header) -> F64:
         try:
             if len(words) != header.n_columns:
                 raise ValueError(f"{len(words)} values instead of {header.n_columns}")
-            out[k] = [float(words[place]) for place in header.places]
+            out[k] = [float(words[header.starts[k]]) for k in header.xyz]
         except ValueError as error:
             kind = TruncatedError if k == len(lines) - 1 else FormatError
             raise kind(f"point {k} of {header.n_points}: {error}") from error
     return out
 
 
-def _records(data: bytes, header: _Header) -> F64:
-    size = header.record.itemsize
-    n_there = (len(data) - header.data_start) // size
-    if n_there < header.n_points:
-        raise TruncatedError(f"ends at point {n_there} of {header.n_points}, byte {len(data)}")
+def _records(data: bytes, header: PcdHeader) -> F64:
+    check_size(len(data), header)
     records = np.frombuffer(data, header.record, header.n_points, header.data_start)
-    return np.column_stack([records[name][:, 0].astype(np.float64) for name in header.names])
+    return np.column_stack([records[str(k)][:, 0].astype(np.float64) for k in header.xyz])
 
 
-def _packed(data: bytes, header: _Header) -> F64:
+def check_size(n_bytes: int, header: PcdHeader) -> None:
+    """Raise if binary data of so many bytes, the header included, lack points."""
+    n_there = (n_bytes - header.data_start) // header.record.itemsize
+    if n_there < header.n_points:
+        raise TruncatedError(f"ends at point {n_there} of {header.n_points}, byte {n_bytes}")
+
+
+def _packed(data: bytes, header: PcdHeader) -> F64:
+    columns = unpack(data, header, header.xyz)
+    return np.column_stack([columns[k].astype(np.float64) for k in header.xyz])
+
+
+def unpack(data: bytes, header: PcdHeader, fields: list[int]) -> dict[int, NDArray[Any]]:
+    """
+    Return fields of binary_compressed data, which stand one behind the other.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    header : PcdHeader
+        Its header.
+    fields : list of int
+        Numbers of those wanted.
+
+    Returns
+    -------
+    columns : dict of int to (n,) array
+        The first value of each field, as stored; of COUNT 1 without copy.
+
+    Raises
+    ------
+    FormatError, TruncatedError
+        The sizes don't agree, or the packed bytes are damaged.
+    """
     from volatool.kernels import lzf
 
     start = header.data_start
@@ -180,10 +248,13 @@ def _packed(data: bytes, header: _Header) -> F64:
     if n_out != n_bytes:
         fault = start + 8 + (n_packed if n_out >= 0 else -1 - n_out)
         raise FormatError(f"packed points are damaged at byte {fault}")
-    columns, at = {}, 0
-    for name in header.record.names or ():
+    columns: dict[int, NDArray[Any]] = {}
+    at = 0
+    for k, name in enumerate(header.record.names or ()):
         dtype, _ = header.record.fields[name][:2]  # type: ignore[index]
-        if name in header.names:
-            columns[name] = np.frombuffer(out, dtype.base, header.n_points, at).astype(np.float64)
+        count = dtype.itemsize // dtype.base.itemsize
+        if k in fields:
+            values = np.frombuffer(out, dtype.base, header.n_points * count, at)
+            columns[k] = values[::count]
         at += dtype.itemsize * header.n_points
-    return np.column_stack([columns[name] for name in header.names])
+    return columns

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.cube import Cube
 from volatool.errors import (
     CodedWarning,
     FormatError,
@@ -60,7 +61,11 @@ class PointSource:
         Points that can be read, as far as it is known: the total for progress.
     is_partial : bool
         Points were lost (salvage only).
+    own_grid : None
+        Points of no grid.
     """
+
+    own_grid: tuple[Cube, int] | None = None
 
     def __init__(
         self,

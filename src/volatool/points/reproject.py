@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from pyproj.exceptions import CRSError as ForeignCRSError
 from pyproj.exceptions import ProjError
 
+from volatool.cube import Cube
 from volatool.errors import CodedWarning, CRSError, FormatError
 from volatool.model import F64, I32, Bounds, CrsInfo, PointChunk
 from volatool.points.crs import crs_from_user, describe, split, utm_for
 from volatool.points.crs_keys import compound
 from volatool.points.header import LasHeader
-from volatool.points.reader import CHUNK_POINTS, PointSource
+from volatool.points.reader import CHUNK_POINTS
+from volatool.points.source import Source
 
 OFFSET_STEP = 1_000_000.0
 """Offsets are multiples of 1000 km, so that tiles of one region share theirs."""
@@ -42,7 +44,7 @@ class Reprojected:
 
     Parameters
     ----------
-    source : PointSource
+    source : Source
         Closed with this one.
     to : str
         ``"EPSG:x"``, ``"EPSG:x+y"``, WKT, or ``"utm"`` for the zone of the middle of the points.
@@ -53,6 +55,8 @@ class Reprojected:
         Of the source.
     header : LasHeader
         With scale, offset and box in the new CRS.
+    own_grid : None
+        A grid is none in another CRS.
     crs : CrsInfo
         The new CRS; it keeps the vertical part of the source when `to` has none.
 
@@ -65,7 +69,9 @@ class Reprojected:
         ``E_BAD_COORDINATE``: a point has no place in the target.
     """
 
-    def __init__(self, source: PointSource, to: str) -> None:
+    own_grid: tuple[Cube, int] | None = None
+
+    def __init__(self, source: Source, to: str) -> None:
         self._source = source
         self.name, self.path = source.name, source.path
         if source.crs.wkt2 is None:

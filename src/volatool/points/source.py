@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Protocol
 
+from volatool.cube import Cube
 from volatool.errors import CodedWarning
 from volatool.model import CrsInfo, PointChunk
 from volatool.points.header import LasHeader
@@ -42,6 +43,8 @@ class Source(Protocol):
         Points that can be read, as far as it is known.
     is_partial : bool
         Points were lost (salvage only).
+    own_grid : (Cube, int) or None
+        Cube and depth whose voxels the points are the middles of (imported grids only).
     """
 
     @property
@@ -77,6 +80,11 @@ class Source(Protocol):
     @property
     def is_partial(self) -> bool:
         """Points were lost."""
+        ...
+
+    @property
+    def own_grid(self) -> tuple[Cube, int] | None:
+        """Cube and depth that the points come from."""
         ...
 
     def chunks(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +18,9 @@ from volatool.errors import FormatError, OptionError, ResourceError
 from volatool.model import F64, I32, I64, U64, Bool, Bounds, CrsInfo, LevelCounts
 from volatool.vola.info import VolumeInfo
 from volatool.vola.words import count_level, frozen, popcount
+
+if TYPE_CHECKING:
+    from volatool.vola.window import Window
 
 __all__ = ["MAX_LEVELS", "Volume", "VolumeInfo", "count_level"]
 
@@ -169,6 +173,34 @@ class Volume:
         """Return the path keys of the stored blocks of a level, in the order of its words."""
         level = self._level(level)
         return self.keys(level - 1) if level > 1 else np.zeros(1, np.uint64)
+
+    def window(
+        self,
+        bounds: Bounds | None = None,
+        level: int | None = None,
+        *,
+        z: tuple[float, float] | None = None,
+    ) -> Window:
+        """
+        Return a box of cells, for ``.to_numpy()``.
+
+        Parameters
+        ----------
+        bounds : Bounds, optional
+            Closed rectangle, in units of the CRS; the whole cube by default.
+        level : int, optional
+            1 to `depth`; the deepest by default.
+        z : tuple of 2 float, optional
+            Lowest and highest, in the vertical unit.
+
+        Returns
+        -------
+        window : Window
+            ``.to_numpy()`` is a bool array with axes x, y, z; ``.origin``, ``.cell``, ``.level``.
+        """
+        from volatool.vola.window import window_of
+
+        return window_of(self, bounds, level, z=z)
 
     def voxels(self, level: int | None = None) -> I32:
         """
@@ -426,3 +458,44 @@ class Volume:
     def counts(self) -> list[LevelCounts]:
         """Return the exact counts of each level, the root first."""
         return [count_level(words) for words in self.levels]
+
+    def volume(self) -> float:
+        """
+        Return the volume of the voxels.
+
+        Returns
+        -------
+        volume : float
+            In the cubed horizontal unit of the CRS, heights brought to it.
+        """
+        from volatool.vola.algebra import voxel_size
+
+        return len(self) * float(voxel_size(self))
+
+    def volume_m3(self) -> float | None:
+        """Return the volume of the voxels in cubic metres, None if the unit is not known."""
+        metres = self.crs.metres_per_unit_xy
+        return None if metres is None else self.volume() * float(metres**3)
+
+    def __or__(self, other: Volume) -> Volume:
+        """Return the union; see `volatool.vola.algebra.combine`."""
+        return self._combined(other, "or")
+
+    def __and__(self, other: Volume) -> Volume:
+        """Return the intersection."""
+        return self._combined(other, "and")
+
+    def __xor__(self, other: Volume) -> Volume:
+        """Return the voxels that one of both has."""
+        return self._combined(other, "xor")
+
+    def __sub__(self, other: Volume) -> Volume:
+        """Return the voxels that the other does not have."""
+        return self._combined(other, "sub")
+
+    def _combined(self, other: Volume, op: str) -> Volume:
+        if not isinstance(other, Volume):
+            return NotImplemented
+        from volatool.vola.algebra import combine
+
+        return combine(self, other, op)

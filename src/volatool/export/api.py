@@ -1,0 +1,140 @@
+"""Export a volume: select, name, write."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from volatool.errors import InputError, OptionError
+from volatool.export.model import Exported, Exporter, ExportOptions, Target, is_same
+from volatool.export.registry import exporter_for, exporter_of, run
+from volatool.export.select import select
+from volatool.formats.registry import open_volume
+from volatool.naming import stem
+from volatool.outputs import OutputSet, refuse_existing
+from volatool.vola.volume import Volume
+
+__all__ = ["export_volume", "output_path"]
+
+
+def export_volume(
+    volume: Volume | str | os.PathLike[str],
+    output: str | os.PathLike[str] | None = None,
+    to: str | None = None,
+    *,
+    overwrite: bool = False,
+    **options: Any,
+) -> Exported:
+    """
+    Write a volume in another format.
+
+    Parameters
+    ----------
+    volume : Volume or path
+        What is exported.
+    output : path, optional
+        The file, or a folder that is there; beside the input by default. Of formats with several
+        files the name that they begin with.
+    to : str, optional
+        Name of a format (`volatool.export.registry.FORMATS`); told by the output's name if not
+        given.
+    overwrite : bool
+        Replace outputs that exist; never the input.
+    **options
+        Of `volatool.export.model.ExportOptions`.
+
+    Returns
+    -------
+    exported : Exported
+        ``exported.paths`` are the files written, ``exported.warnings`` what could not be kept.
+
+    Raises
+    ------
+    OptionError
+        An option that can't be used; ``E_NO_EXTRA``; an output that exists.
+    InputError
+        ``E_EMPTY``: no voxel is selected. And whatever reading the file raises.
+    ResourceError
+        ``E_SIZE``: the output would be too large.
+    OutputError
+        It can't be written. Nothing is left behind then.
+    """
+    unknown = set(options) - {field.name for field in fields(ExportOptions)}
+    if unknown:
+        raise OptionError(f"unknown option: {', '.join(sorted(unknown))}")
+    checked = ExportOptions(**options)
+    source = None if isinstance(volume, Volume) else Path(volume)
+    exporter = exporter_of(to) if to is not None else _told_by(output)
+    checked.check(exporter)
+    path = output_path(source, None if output is None else Path(output), exporter)
+    if source is not None and is_same(path, source):
+        raise OptionError(f"{path}: is the input; give the output another name with --output")
+    refuse_existing([path], overwrite)
+    whole = volume if isinstance(volume, Volume) else open_volume(volume)
+    if path.exists() and path.name == whole.info.source_name:
+        raise OptionError(
+            f"{path}: is called as what the volume was made from; give another name with --output"
+        )
+    chosen = select(whole, checked)
+    if not len(chosen):
+        raise InputError(
+            f"{source or 'the volume'}: no voxel is selected; it has {len(whole):,} in "
+            f"x {whole.bounds.left:.10g} to {whole.bounds.right:.10g}, "
+            f"y {whole.bounds.bottom:.10g} to {whole.bounds.top:.10g}",
+            "E_EMPTY",
+        )
+    with OutputSet(overwrite) as outputs:
+        target = Target(outputs, path, exporter.suffix, source)
+        try:
+            warnings = run(exporter, chosen, target, checked)
+        except MemoryError as error:
+            if hasattr(error, "code"):
+                raise
+            raise InputError(
+                f"{path}: there is not enough memory to write it; give --bounds or --level",
+                "E_MEMORY",
+            ) from error
+        paths = outputs.commit()
+    return Exported(tuple(paths), exporter.name, len(chosen), tuple(warnings))
+
+
+def _told_by(output: str | os.PathLike[str] | None) -> Exporter:
+    if output is None:
+        raise OptionError("give --to FORMAT, or an --output whose name ends in one")
+    return exporter_for(Path(output))
+
+
+def output_path(source: Path | None, output: Path | None, exporter: Exporter) -> Path:
+    """
+    Return the name of an export.
+
+    Parameters
+    ----------
+    source : pathlib.Path or None
+        The input.
+    output : pathlib.Path or None
+        As given.
+    exporter : Exporter
+        For the suffix.
+
+    Raises
+    ------
+    OptionError
+        Neither says a name.
+
+    Examples
+    --------
+    >>> from volatool.export.registry import FORMATS
+    >>> output_path(Path("a/tile.vol.gz"), None, FORMATS["laz"]).as_posix()
+    'a/tile.voxels.laz'
+    """
+    if output is not None and not output.is_dir():
+        if not output.name:
+            raise OptionError("--output is an empty name; is a shell variable unset?")
+        return output
+    if source is None:
+        raise OptionError("a volume without a file needs the name of an output file")
+    folder = source.parent if output is None else output
+    return folder / (stem(source) + exporter.suffix)

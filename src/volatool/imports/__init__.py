@@ -1,0 +1,1 @@
+"""Points, meshes, grids and rasters of other formats, one a module, as LAS files give them."""

@@ -1,0 +1,184 @@
+"""Names, options and selection of exports; each format has its own file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from making_volumes import CUBE, INFO, random_volume, same, volume_of
+
+import volatool as vt
+from volatool.errors import InputError, OptionError, OutputExistsError
+from volatool.export.cells import Places, cell_chunks, channels_by_name
+from volatool.export.model import ExportOptions
+from volatool.export.registry import FORMATS, SUFFIXES, exporter_for, exporter_of
+from volatool.export.select import select
+from volatool.model import Bounds
+from volatool.vola.window import half_open
+
+
+def stored(volume, folder) -> Path:
+    """Return the path of a volume's file."""
+    return vt.export_volume(volume, folder / "tile.vol").paths[0]
+
+
+def test_each_format_is_told_by_its_suffix():
+    for suffix, exporter in SUFFIXES.items():
+        assert exporter_for(Path("a.b" + suffix.upper())) is exporter
+    assert exporter_for(Path("x.vol1.vol")).name == "vol1"
+    with pytest.raises(OptionError, match="tells no format"):
+        exporter_for(Path("tile.docx"))
+    with pytest.raises(OptionError, match="no format is called 'docx'"):
+        exporter_of("docx")
+
+
+def test_a_volume_goes_through_our_own_formats_unchanged(tmp_path):
+    volume = random_volume()
+    for name in ("vol", "vol.gz", "dvol", "dvol.gz"):
+        done = vt.export_volume(volume, tmp_path / f"t.{name}")
+        assert (done.format, done.n_voxels) == (name, len(volume))
+        again = vt.open(done.paths[0])
+        assert same(volume, again, metadata=not name.startswith("d"))
+        assert again.info.crs == volume.info.crs
+
+
+def test_names_beside_the_input_in_a_folder_and_as_given(tmp_path):
+    path = stored(random_volume(), tmp_path)
+    (tmp_path / "out").mkdir()
+    named = [
+        vt.export_volume(path, to="vol.gz").paths,
+        vt.export_volume(path, tmp_path / "out", "dvol").paths,
+        vt.export_volume(path, tmp_path / "new" / "thing.bin", "vol").paths,
+    ]
+    expected = ["tile.vol.gz", "out/tile.dvol", "new/thing.bin"]
+    assert named == [(tmp_path / name,) for name in expected]
+
+
+def test_the_input_is_never_written_over_and_outputs_only_when_told(tmp_path):
+    path = stored(random_volume(), tmp_path)
+    before = path.read_bytes()
+    link = tmp_path / "link.vol"
+    link.symlink_to(path)
+    for output in (None, path, link):
+        with pytest.raises(OptionError, match="is the input"):
+            vt.export_volume(path, output, "vol", overwrite=True)
+    other = tmp_path / "other.vol"
+    other.write_bytes(b"old")
+    with pytest.raises(OutputExistsError):
+        vt.export_volume(path, other)
+    assert other.read_bytes() == b"old"
+    vt.export_volume(path, other, overwrite=True)
+    assert path.read_bytes() == before == other.read_bytes()
+
+
+def test_options_that_mean_nothing_are_refused(tmp_path):
+    volume = random_volume()
+    with pytest.raises(OptionError, match="--slices means nothing for --to vol"):
+        vt.export_volume(volume, tmp_path / "a.vol", slices="top")
+    for wrong in (
+        {"colour": "pink"},
+        {"z": (2.0, 1.0)},
+        {"limit": 0},
+        {"frobnicate": 1},
+        {"bounds": "x"},
+    ):
+        with pytest.raises(OptionError):
+            vt.export_volume(volume, tmp_path / "a.vol", **wrong)
+    with pytest.raises(OptionError, match="give --to"):
+        vt.export_volume(volume)
+    with pytest.raises(OptionError, match="without a file"):
+        vt.export_volume(volume, to="vol")
+    with pytest.raises(OptionError, match="level 9 is not in this volume"):
+        vt.export_volume(volume, tmp_path / "a.vol", level=9)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_crop_without_voxels_is_an_error(tmp_path):
+    with pytest.raises(InputError, match="no voxel is selected") as caught:
+        vt.export_volume(random_volume(), tmp_path / "a.vol", bounds=Bounds(0, 0, 1, 1))
+    assert caught.value.code == "E_EMPTY"
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_missing_package_says_how_to_get_it(tmp_path, monkeypatch):
+    import volatool.export.registry as registry
+
+    monkeypatch.setitem(FORMATS, "ply", replace(FORMATS["ply"], module="ply_gone"))
+
+    def missing(name):
+        raise ModuleNotFoundError(name="plyfile")
+
+    monkeypatch.setattr(registry, "import_module", missing)
+    with pytest.raises(OptionError, match=r"pip install 'volatool\[mesh\]'") as caught:
+        vt.export_volume(random_volume(), tmp_path / "a", "ply")
+    assert caught.value.code == "E_NO_EXTRA"
+
+
+def test_selection_keeps_the_cells_that_meet_the_box():
+    """Against the definition, cell by cell; z is in the vertical unit."""
+    volume = random_volume()
+    ratio = float(volume.crs.z_ratio)
+    low = volume.cube.corners(volume.voxels(), volume.depth)
+    high = low + volume.cell()
+    box = (
+        CUBE.origin[0] + 2,
+        CUBE.origin[1] + 3,
+        402.0,
+        CUBE.origin[0] + 7,
+        CUBE.origin[1] + 8,
+        406,
+    )
+    chosen = select(
+        volume,
+        ExportOptions(bounds=Bounds(box[0], box[1], box[3], box[4]), z=(box[2], box[5])),
+    )
+    ends = np.array(box) * [1, 1, ratio, 1, 1, ratio]
+    keep = np.all((low <= ends[3:]) & (high >= ends[:3]), axis=1)
+    assert 0 < keep.sum() < len(keep)
+    assert np.array_equal(chosen.voxels(), volume.voxels()[keep])
+    assert np.array_equal(chosen.metadata(), volume.metadata()[keep])
+
+
+def test_values_may_be_text():
+    given = ExportOptions(bounds="0,1,2,3", above=("0", "2ft"), near="0", limit="1k")
+    assert given.bounds == Bounds(0, 1, 2, 3) == ExportOptions(bounds=(0, 1, 2, 3)).bounds
+    assert [str(length) for length in (*given.above, given.near)] == ["0", "2ft", "0"]
+    assert given.limit == 1024
+
+
+@pytest.mark.parametrize("quantizer", ["floor", "unknown"])
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_a_level_keeps_the_places_of_its_cells(quantizer, level):
+    """A file of the original toolkit has a grid that can't simply be cut off at a level."""
+    volume = random_volume(info=replace(INFO, quantizer=quantizer))
+    chosen = select(volume, ExportOptions(level=level))
+    assert chosen.depth == level
+    assert np.array_equal(chosen.voxels(), volume.voxels(level))
+    assert np.allclose(chosen.centers(), volume.centers(level), rtol=1e-15, atol=1e-9)
+    centers = half_open(volume).centers()
+    assert np.allclose(centers, volume.centers(), rtol=1e-15, atol=1e-9)
+
+
+@pytest.mark.parametrize("quantizer", ["floor", "toolkit"])
+@pytest.mark.parametrize("size", [1, 64, 1000])
+def test_chunks_are_the_volume_in_pieces(quantizer, size):
+    volume = random_volume(info=replace(INFO, quantizer=quantizer))
+    chunks = list(cell_chunks(volume, size))
+    assert np.array_equal(np.concatenate([one.cells for one in chunks]), volume.voxels())
+    assert np.array_equal(np.concatenate([one.words for one in chunks]), volume.metadata())
+    centers = np.concatenate([Places.of(volume).centers(one.cells) for one in chunks])
+    assert np.allclose(centers, volume.centers(), rtol=1e-15, atol=1e-9)
+    height = channels_by_name(volume)["height"]
+    values = np.concatenate([one.channel(height) for one in chunks])
+    assert np.array_equal(values, volume.channel("height"))
+
+
+def test_chunks_of_a_root_without_voxels_and_of_one_level():
+    empty = volume_of([], 1, metadata=False)
+    assert list(cell_chunks(empty)) == []
+    assert channels_by_name(empty) == {}
+    full = volume_of([(x, y, z) for x in range(4) for y in range(4) for z in range(4)], 1)
+    (chunk,) = cell_chunks(full)
+    assert len(chunk) == 64
