@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
     "doctor", "export",
 ]  # fmt: skip
+COMMANDS += ["diff", "merge"]
 
 
 def help_of(name):
@@ -83,6 +85,11 @@ def test_the_examples_of_the_help_run(name, volatool):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():
             made.unlink()
+    if name in ("diff", "merge"):
+        assert volatool("convert", "tile.laz", "-q", "--no-dem").returncode == 0
+        (folder / "cubes").mkdir()
+        for made in ("may", "june", "other", "cubes/a"):
+            shutil.copy(folder / "tile.vol.gz", folder / f"{made}.vol.gz")
     if name == "emap":
         (folder / "scans").mkdir()
         (folder / "scans" / "0.pcd").write_bytes(pcd_bytes(scan()))
@@ -95,7 +102,8 @@ def test_the_examples_of_the_help_run(name, volatool):
     for number, example in enumerate(examples):
         words = shlex.split(example)
         if "-o" in words:
-            words[words.index("-o") + 1] = f"out{number}"
+            place = words.index("-o") + 1
+            words[place] = f"out{number}" + "".join(Path(words[place]).suffixes)
         line = " ".join(word if word in "|" else shlex.quote(word) for word in words)
         line = line.replace("volatool ", f"{shlex.quote(sys.executable)} -m volatool_cli ")
         done = subprocess.run(
