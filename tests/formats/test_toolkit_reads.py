@@ -15,19 +15,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import volatool
+from volatool.cube import Cube
+from volatool.export.api import export_volume
+from volatool.model import Bounds
+from volatool.vola.algebra import combine, crop
+from volatool.vola.regrid import regrid
 from volatool.vola.volume import Volume
 
 SAMPLES = Path(__file__).resolve().parents[2] / "data_samples"
 
 
-def check_it_reads(data: bytes, volume: Volume) -> toolkit.Reading:
+def check_it_reads(data: bytes, volume: Volume, *, trailer: bool = True) -> toolkit.Reading:
     """Check that the toolkit gets our voxels, words and corners, and stops before the trailer."""
     found = toolkit.read(data)
     assert found.depth == volume.depth
     assert found.nbits == int(volume.has_metadata)
     assert found.voxels == [tuple(row) for row in volume.voxels().tolist()]
     assert found.words_per_level == [volume.n_blocks(level + 1) for level in range(volume.depth)]
-    assert data[found.consumed :][:8] == b"VOLATRL1"
+    assert data[found.consumed :][:8] == (b"VOLATRL1" if trailer else b"")
     if volume.has_metadata:
         assert found.words == volume.metadata().tolist()
         assert 0 not in found.metadata_words
@@ -85,6 +90,48 @@ def test_what_convert_writes_of_the_samples(tmp_path: Path, name: str, depth: in
     found = check_it_reads(gzip.decompress(path.read_bytes()), volume)
     assert found.nbits == 1
     assert all(word >> 56 == 1 for word in found.metadata_words)
+
+
+@pytest.mark.parametrize("op", ["or", "and", "xor", "sub"])
+def test_volumes_put_together(op: str) -> None:
+    """Set algebra makes new words, and means of words; none is lost."""
+    one, other = (making.random_volume(2, n, seed=n) for n in (700, 701))
+    volume = combine(one, other, op)
+    assert len(volume)
+    check_it_reads(making.written(volume), volume)
+
+
+def test_crops_and_regridded_volumes() -> None:
+    """Their metadata goes with the cells."""
+    volume = making.random_volume(3, 300)
+    x, y, _ = volume.cube.origin
+    part = crop(volume, Bounds(x, y, x + 6.0, y + 4.0))
+    assert 0 < len(part) < len(volume)
+    check_it_reads(making.written(part), part)
+    moved = regrid(volume, Cube((x - 1.0, y - 1.0, volume.cube.origin[2] - 1.0), 16.0), 3)
+    assert len(moved)
+    check_it_reads(making.written(moved), moved)
+
+
+@pytest.mark.parametrize("name", ["vol", "vol1"])
+def test_what_export_writes_for_the_toolkit(tmp_path: Path, name: str) -> None:
+    """With and without the trailer."""
+    volume = making.random_volume(3, 200)
+    (path,) = export_volume(volume, tmp_path / "a.vol", name).paths
+    check_it_reads(path.read_bytes(), volume, trailer=name == "vol")
+
+
+def test_what_import_writes(tmp_path: Path) -> None:
+    """Points of a text file, with colours and with an intensity of nothing but zeros."""
+    chance = np.random.default_rng(3)
+    rows = [f"{x:.2f},{y:.2f},{z:.2f},0" for x, y, z in chance.uniform(0, 50, (400, 3))]
+    text = "\n".join(["x,y,z,intensity", *rows, ""])
+    (tmp_path / "a.csv").write_text(text)
+    report = volatool.import_points(tmp_path / "a.csv", tmp_path, depth=3)
+    (path,) = (path for path in report.paths if path.name.endswith(".vol.gz"))
+    volume = volatool.open(path)
+    assert volume.has_metadata
+    check_it_reads(gzip.decompress(path.read_bytes()), volume)
 
 
 def test_dense_files_are_wrong_there_as_the_text_says() -> None:
