@@ -229,6 +229,11 @@ def row(report: dict[str, Any], kind: str, codec: str = "gzip") -> dict[str, Any
         (lambda r: r["dem"].update(cell=9.0), "dem.cell is 9.0"),
         (lambda r: r["dem"].update(nodata=-1.0), "dem.nodata is -1.0"),
         (lambda r: r["dem"].update(z_min=3.5), "dem.z_min is 3.5"),
+        (lambda r: r["dem"].update(z_min=10**400), "dem.z_min is 1000"),
+        (
+            lambda r: r["dem"].update(layers={"flag": "forest.dem.count.tif"}),
+            "a flag layer has bytes",
+        ),
         (lambda r: r["dem"].update(z_max=None), "dem.z_max is None"),
         (lambda r: r["dem"].update(cells_void=7), "dem.cells_void is 7"),
         (lambda r: r["dem"].update(cells_measured=7), "cells_measured . cells_filled"),

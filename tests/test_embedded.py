@@ -6,6 +6,7 @@ import gzip
 import json
 import os
 import random
+import re
 import shutil
 import struct
 import subprocess
@@ -27,7 +28,8 @@ from volatool.formats.registry import open_volume
 TOP = Path(__file__).resolve().parents[1]
 VECTORS = TOP / "docs" / "vectors"
 EMBEDDED = TOP / "embedded"
-COMPILER = shutil.which("gcc") or shutil.which("clang")
+COMPILERS = [name for name in ("gcc", "clang") if shutil.which(name)]
+COMPILER = next(iter(COMPILERS), None)
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Werror"]
 SANITIZED = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 QUANTIZERS = ("unknown", "floor", "toolkit")
@@ -47,11 +49,12 @@ def compiled(target: Path, *arguments: str | Path, compiler: str | None = None) 
     assert (done.returncode, done.stderr) == (0, ""), done.stderr
 
 
-@pytest.fixture(scope="module")
-def driver(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the test driver, compiled as the issue asks."""
+@pytest.fixture(scope="module", params=COMPILERS)
+def driver(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the test driver, compiled by each compiler that is there, with sanitizers."""
     target = tmp_path_factory.mktemp("embedded") / "driver"
-    compiled(target, "-std=c99", "-O1", "-g", *STRICT, *SANITIZED, EMBEDDED / "driver.c")
+    options = ["-std=c99", "-O1", "-g", *STRICT, *SANITIZED]
+    compiled(target, *options, EMBEDDED / "driver.c", compiler=request.param)
     return target
 
 
@@ -114,6 +117,28 @@ def test_it_needs_nothing_but_memory_functions(tmp_path: Path) -> None:
     asked = subprocess.run(["nm", "-u", tmp_path / "unit.o"], capture_output=True, text=True)
     allowed = {"memcmp", "memcpy", "memset", "strlen", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
     assert set(asked.stdout.replace(" U ", "").split()) <= allowed
+
+
+def test_it_is_the_same_on_32_bits(tmp_path: Path) -> None:
+    """Where the compiler can make such programs: the vectors, sizes beyond size_t too."""
+    try:
+        compiled(tmp_path / "driver", "-m32", "-std=c99", "-msse2", "-mfpmath=sse",
+                 EMBEDDED / "driver.c")  # fmt: skip
+    except AssertionError:
+        pytest.skip("the compiler makes no programs of 32 bits here")
+    test_the_vectors_are_read_as_they_say(tmp_path / "driver")
+    test_points_fall_where_the_vectors_say(tmp_path / "driver")
+
+
+def test_the_snippet_of_the_readme_compiles(tmp_path: Path) -> None:
+    """As it stands, in a function."""
+    text = (EMBEDDED / "README.md").read_text(encoding="utf-8")
+    (snippet,) = re.findall(r"^```c\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    start, rest = snippet.split("\n\n", 1)
+    around = "void brake(void);\nextern const char flash_address[];\nextern size_t flash_size;\n"
+    source = tmp_path / "unit.c"
+    source.write_text(f"{start}\n{around}void drive(void);\nvoid drive(void) {{\n{rest}}}\n")
+    compiled(tmp_path / "unit.o", "-std=c99", *STRICT, f"-I{EMBEDDED}", "-c", source)
 
 
 def test_the_example_answers(tmp_path: Path) -> None:
