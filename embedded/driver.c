@@ -35,6 +35,8 @@ static unsigned char *next_file(size_t *size) {
 
 /* ---------------------------------------------------------------------------------------- dump */
 
+#ifndef VOLA_NO_DOUBLE
+
 static void print_words(const vola *v, int level, const char *name, int metadata) {
     size_t i, count = v->level[level - 1].count;
     int first = 1;
@@ -96,6 +98,8 @@ static void dump(const unsigned char *data, size_t size) {
     printf("]}\n");
 }
 
+#endif
+
 /* ------------------------------------------------------------------------------------ exercise */
 
 static uint32_t chance_state;
@@ -114,8 +118,6 @@ static void check_level(const vola *v, const vola *ranked, int level) {
     vola_begin(&it, v, level);
     while (n < limit && vola_next(&it)) {
         uint64_t a = 0, b = 0, c = 0;
-        int32_t cell[3], found[3];
-        double place[3];
         int has = vola_iter_metadata(&it, &a);
         n++;
         if (n > 200 && n % 17) continue; /* the slow path is slow */
@@ -124,11 +126,17 @@ static void check_level(const vola *v, const vola *ranked, int level) {
         CHECK(vola_metadata(v, level, it.x, it.y, it.z, &b) == has && a == b);
         CHECK(vola_metadata(ranked, level, it.x, it.y, it.z, &c) == has && a == c);
         if (level > 1) CHECK(vola_is_set(ranked, level - 1, it.x >> 2, it.y >> 2, it.z >> 2));
-        cell[0] = it.x;
-        cell[1] = it.y;
-        cell[2] = it.z;
-        vola_centre(v, level, cell, place);
-        if (vola_locate(v, level, place, found)) CHECK(found[0] >= 0 && found[2] >= 0);
+#ifndef VOLA_NO_DOUBLE
+        {
+            int32_t cell[3], found[3];
+            double place[3];
+            cell[0] = it.x;
+            cell[1] = it.y;
+            cell[2] = it.z;
+            vola_centre(v, level, cell, place);
+            if (vola_locate(v, level, place, found)) CHECK(found[0] >= 0 && found[2] >= 0);
+        }
+#endif
         CHECK(it.x != last || it.y || it.z || n == 1); /* the walk moves on */
         last = it.x;
     }
@@ -136,8 +144,24 @@ static void check_level(const vola *v, const vola *ranked, int level) {
     CHECK(n <= vola_count(v, level));
 }
 
-static void check_volume(vola *v) {
+#ifndef VOLA_NO_DOUBLE
+static void check_point(const vola *v) {
     static const double odd[4] = {0.0, -1e308, 1e308, 0.0};
+    double point[3];
+    int32_t cell[3];
+    int level;
+    point[0] = v->corner[0] + v->side * (chance() % 1025) / 1024.0;
+    point[1] = v->corner[1] + v->side * (chance() % 1025) / 1024.0;
+    point[2] = (v->corner[2] + v->side * (chance() % 1025) / 1024.0) / v->z_ratio;
+    if (chance() % 8 == 0) point[chance() % 3] = odd[chance() % 4] / odd[(chance() & 1) * 2];
+    (void)vola_contains_point(v, point);
+    for (level = 1; level <= v->depth; level++)
+        if (vola_locate(v, level, point, cell))
+            CHECK(cell[0] >= 0 && cell[0] < (int32_t)1 << 2 * level);
+}
+#endif
+
+static void check_volume(vola *v) {
     size_t n = vola_rank_size(v), i;
     uint32_t *memory = (uint32_t *)malloc(n * sizeof *memory + 1);
     vola ranked = *v;
@@ -153,17 +177,10 @@ static void check_volume(vola *v) {
         int32_t x = (int32_t)(chance() & 0x7fffffff) & mask;
         int32_t y = (int32_t)(chance() & 0x7fffffff) & mask;
         int32_t z = (int32_t)(chance() & 0x7fffffff) & mask;
-        double point[3];
-        int32_t cell[3];
         CHECK(vola_contains(v, x, y, z) == vola_contains(&ranked, x, y, z));
-        point[0] = v->corner[0] + v->side * (chance() % 1025) / 1024.0;
-        point[1] = v->corner[1] + v->side * (chance() % 1025) / 1024.0;
-        point[2] = (v->corner[2] + v->side * (chance() % 1025) / 1024.0) / v->z_ratio;
-        if (i % 8 == 7) point[chance() % 3] = odd[chance() % 4] / odd[(chance() & 1) * 2];
-        (void)vola_contains_point(&ranked, point);
-        for (level = 1; level <= v->depth; level++)
-            if (vola_locate(v, level, point, cell))
-                CHECK(cell[0] >= 0 && cell[0] < (int32_t)1 << 2 * level);
+#ifndef VOLA_NO_DOUBLE
+        check_point(&ranked);
+#endif
     }
     CHECK(!vola_is_set(v, v->depth, -1, 0, 0) && !vola_is_set(v, 0, 0, 0, 0));
     CHECK(!vola_is_set(v, v->depth + 1, 0, 0, 0) && !vola_count(v, v->depth + 1));
@@ -209,6 +226,7 @@ static void voxels(const unsigned char *data, size_t size) {
     }
 }
 
+#ifndef VOLA_NO_DOUBLE
 static void points(const unsigned char *data, size_t size) {
     vola v;
     size_t rows, i;
@@ -230,16 +248,19 @@ static void points(const unsigned char *data, size_t size) {
     free(memory);
     free(asked);
 }
+#endif
 
 int main(int argc, char **argv) {
     unsigned char *block;
     size_t size;
     const char *mode = argc == 2 ? argv[1] : "";
     void (*work)(const unsigned char *, size_t) = NULL;
-    if (strcmp(mode, "dump") == 0) work = dump;
     if (strcmp(mode, "exercise") == 0) work = exercise;
     if (strcmp(mode, "voxels") == 0) work = voxels;
+#ifndef VOLA_NO_DOUBLE
+    if (strcmp(mode, "dump") == 0) work = dump;
     if (strcmp(mode, "points") == 0) work = points;
+#endif
     if (!work) {
         fprintf(stderr, "usage: driver dump|exercise|voxels|points < framed files\n");
         return 2;

@@ -235,6 +235,31 @@ def test_points_fall_where_the_vectors_say(driver: Path) -> None:
     assert found == expected
 
 
+def test_without_floating_point_the_same_cells_are_there(tmp_path: Path) -> None:
+    """VOLA_NO_DOUBLE: what only numbers tell is not checked, everything else is."""
+    options = ["-std=c99", "-O1", *STRICT, *SANITIZED, "-DVOLA_NO_DOUBLE"]
+    compiled(tmp_path / "driver", *options, EMBEDDED / "driver.c")
+    cases = vectors()
+    output = run(tmp_path / "driver", "voxels", (data for _, data in cases))
+    at, unchecked = 0, set()
+    for vector, _ in cases:
+        status, n = struct.unpack_from("<IQ", output, at)
+        rows = [struct.unpack_from("<3iQ", output, at + 12 + 20 * i) for i in range(n)]
+        at += 12 + 20 * n
+        if "error" in vector:
+            unchecked |= set() if status else {vector["file"]}
+            continue
+        assert status == 0
+        assert [list(row[:3]) for row in rows] == vector["voxels"]
+        if vector["voxel_metadata"] is not None:
+            assert [f"{row[3]:016x}" for row in rows] == vector["voxel_metadata"]
+    assert unchecked == {"bad-box-huge.vol", "bad-cube.vol"}
+    chance = random.Random(6)
+    files = seeds()
+    codes = run(tmp_path / "driver", "exercise", [mutated(files, chance) for _ in range(2000)])
+    assert len(codes.split()) == 2000
+
+
 # ----------------------------------------------------------------------------- mutated files
 
 
