@@ -15,12 +15,14 @@ from volatool_cli.commands.check import check
 from volatool_cli.commands.classify import classify
 from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
+from volatool_cli.commands.diff import diff
 from volatool_cli.commands.doctor import doctor
 from volatool_cli.commands.emap import emap
 from volatool_cli.commands.export import export
 from volatool_cli.commands.import_ import import_
 from volatool_cli.commands.index import index
 from volatool_cli.commands.info import info
+from volatool_cli.commands.merge import merge
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
@@ -88,6 +90,8 @@ for command in (
     emap,
     import_,
     export,
+    diff,
+    merge,
     index,
     validate,
     reproduce,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,7 +21,7 @@ CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-check
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
-    "doctor", "export", "import", "index",
+    "doctor", "export", "import", "index", "diff", "merge",
 ]  # fmt: skip
 
 
@@ -91,6 +92,11 @@ def test_the_examples_of_the_help_run(name, volatool):
     if name == "index":
         done = volatool("convert", "tile.laz", "-q", "-o", "out", "--cell", "2m")
         assert done.returncode == 0, done.stderr
+    if name in ("diff", "merge"):
+        assert volatool("convert", "tile.laz", "-q", "--no-dem").returncode == 0
+        (folder / "cubes").mkdir()
+        for made in ("may", "june", "other", "cubes/a"):
+            shutil.copy(folder / "tile.vol.gz", folder / f"{made}.vol.gz")
     if name == "emap":
         (folder / "scans").mkdir()
         (folder / "scans" / "0.pcd").write_bytes(pcd_bytes(scan()))

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from volatool.cube import Cube
 from volatool.errors import FormatError, OptionError, ResourceError
+from volatool.formats.registry import open_volume
 from volatool.model import CrsInfo
 from volatool.vola.volume import Volume, VolumeInfo
 
@@ -64,6 +65,15 @@ def test_points_on_faces_belong_to_the_cell_above() -> None:
     assert volume.cell_indices(xyz)[:, 0].tolist() == [*range(256), 255]
     assert volume.cell_indices(xyz - 0.001)[1:, 2].tolist() == list(range(256))
     assert (volume.cell_indices(xyz + 25.7) == -1).all()
+
+
+def test_a_tie_of_the_toolkit_is_decided_as_the_toolkit_did() -> None:
+    """Its side is a difference of floats; that of decimals sends this point (golden) down."""
+    box = (1639600.0, 1454500.02, 7077.92, 1639799.98, 1454700.0, 7139.7)
+    volume = open_volume(naive.header(0, 3, 0, box) + bytes(8))
+    assert volume.cube.side == 199.98
+    point = [1639602.22, 1454501.24, 7089.03]
+    assert volume.cell_indices([point]).tolist() == [[1, 0, 4]]
 
 
 def test_toolkit_volumes_place_voxels_where_the_toolkit_rounded_to() -> None:

@@ -5,6 +5,7 @@ Levels count from 1 (the root block, 4 x 4 x 4 cells) to the depth, whose cells 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -297,13 +298,23 @@ class Volume:
             cells = np.zeros(len(away), np.int64)
         elif self._is_rounded():
             nodes = 4**self.depth - 1
-            cells = np.rint(np.clip(away / side, 0.0, 1.0) * nodes).astype(np.int64)
+            extent = (corner + self._rounded_side) - corner  # the toolkit's, to the last bit
+            cells = np.rint(nodes * np.clip(away / extent, 0.0, 1.0)).astype(np.int64)
             cells >>= 2 * (self.depth - level)
         else:
             np.add(away, error, out=away, where=inside)
             cells = np.minimum(np.maximum(away, 0.0) * (size / side), size - 1).astype(np.int64)
         cells[~inside] = -1
         return cells
+
+    @cached_property
+    def _rounded_side(self) -> float:
+        """Side as the toolkit has it: a difference of floats, where the cube's is of decimals."""
+        if self.info.box is None:
+            return self.cube.side
+        box = self.info.box
+        side = max(high - low for low, high in zip(box[:3], box[3:], strict=True))
+        return side if math.isclose(side, self.cube.side, rel_tol=1e-9) else self.cube.side
 
     def contains(self, xyz: ArrayLike) -> Bool:
         """
