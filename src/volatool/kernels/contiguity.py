@@ -42,7 +42,7 @@ def contiguous_pairs(word):
 @kernel
 def components(word):
     """
-    Connected components of the set cells of one block: cells that share faces hang together.
+    Count the connected components of one block: cells that share faces hang together.
 
     Parameters
     ----------

@@ -17,7 +17,6 @@ from volatool.formats import gz
 from volatool.formats.registry import open_volume
 from volatool.model import LevelCounts, Progress, no_progress
 from volatool.naming import VOLUME_SUFFIXES
-from volatool.occupancy.depth import choose_depth
 from volatool.occupancy.levels import CELLS
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet
@@ -109,7 +108,7 @@ def read_tile(
         scan = _scan(source, options, scratch, density, progress)
         if not scan.builders:
             return CodedWarning("W_EMPTY", f"{path.name}: no point to use; it is left out")
-        counts = [one.build().counts for one in scan.builders.values()][0]
+        counts = next(iter(scan.builders.values())).build().counts
         part = make_volumes(
             scan.builders, source, options, OutputSet(overwrite=False), None, _corners(source, scan)
         )
@@ -272,14 +271,17 @@ def broken_identity(volume: Volume) -> list[int]:
     Parameters
     ----------
     volume : Volume
-        Counted anew, word by word.
+        Counted anew, by a table: not as the volume itself is checked.
 
     Returns
     -------
     levels : list of int
         Empty if the identity holds, as it must.
     """
-    voxels = [sum(map(int.bit_count, words.tolist())) for words in volume.levels]
+    from volatool.kernels import lookup
+
+    table = np.bitwise_count(np.arange(1 << 16, dtype=np.uint16))
+    voxels = [int(lookup.count_by_table(words, table)) for words in volume.levels]
     blocks = [len(words) for words in volume.levels]
     expected = [1, *voxels[:-1]]
     return [level for level, (n, m) in enumerate(zip(blocks, expected, strict=True), 1) if n != m]
@@ -306,23 +308,6 @@ def strip_occupancy(volume: Volume, level: int) -> tuple[int, int] | None:
         return None
     bare = Volume(volume.levels[:level], None, volume.cube, volume.info)
     return volume.n_cells(level), len(level_strips(bare, level).words)
-
-
-def data_set_depth(tiles: Sequence[Tile]) -> int:
-    """
-    Return the depth that the rule gives for tiles taken together, as the paper has one for each.
-
-    Parameters
-    ----------
-    tiles : sequence of Tile
-        At least one.
-    """
-    from volatool.occupancy.levels import add_counts
-
-    counts = add_counts(tile.counts for tile in tiles)
-    known = [tile.n_points for tile in tiles]
-    n_points = sum(n for n in known if n is not None) if None not in known else 1 << 62
-    return choose_depth(counts, n_points, cube=tiles[0].volume.cube).depth
 
 
 def tile_mean(tiles: Sequence[Tile], level: int) -> float:
