@@ -141,8 +141,8 @@ def times(
         `DENSE_LIMIT_BYTES`) and ``sparse_ns``, both of the loop alone; ``find_ns`` (`Volume.find`,
         which checks the cells too), ``in_order_ns`` (the same cells in VOLA order),
         ``anywhere_ns`` (cells drawn from the whole cube: most end early), ``without_ranks_ns`` (as
-        the toolkit does it), ``octree_ns`` (through its Python binding). ``fits``: lines through
-        the times. ``popcount``: a word by table and by arithmetic.
+        the toolkit does it), ``octree_ns`` (through its Python binding). ``fits``: a
+        constant for dense, lines for sparse. ``popcount``: a word by table and by arithmetic.
     """
     whole = surface(points)
     rows = []
@@ -153,12 +153,26 @@ def times(
         "queries": queries,
         "runs": runs,
         "depths": rows,
-        "fits": {
+        "fits": {"dense": constant([row["dense_ns"] for row in rows])}
+        | {
             name: line([(row["depth"], row[f"{name}_ns"]) for row in rows])
-            for name in ("dense", "sparse", "in_order", "without_ranks")
+            for name in ("sparse", "in_order")
         },
         "popcount": _popcount_times(whole, runs),
     }
+
+
+def constant(values: Sequence[float | None]) -> dict[str, float]:
+    """
+    Return mean, least and most of the values that are not None.
+
+    Examples
+    --------
+    >>> constant([1.0, 3.0, None])
+    {'mean': 2.0, 'least': 1.0, 'most': 3.0}
+    """
+    known = [value for value in values if value is not None]
+    return {"mean": sum(known) / len(known), "least": min(known), "most": max(known)}
 
 
 def line(pairs: Sequence[tuple[float, float | None]]) -> dict[str, float] | None:

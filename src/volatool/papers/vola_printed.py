@@ -66,6 +66,9 @@ class DataSet:
         columns themselves are not in our documents.
     density : str
         Points "per metre", section 4 and figures.
+    las_density : (str, str) or None
+        Points a square metre for 34 and 28 bytes a point, as recomputed from Table 7 when it was
+        at hand; tells the size of the LAS files where that is not in our documents.
     """
 
     key: str
@@ -81,6 +84,7 @@ class DataSet:
     zip_of_vola: str
     zip_of_laz: str
     density: str
+    las_density: tuple[str, str] | None = None
 
 
 DATA_SETS = (
@@ -123,6 +127,7 @@ DATA_SETS = (
         zip_of_vola="52.7",
         zip_of_laz="1.5",
         density="1.5",
+        las_density=("4.3", "5.2"),
     ),
     DataSet(
         key="montreal",
@@ -143,6 +148,7 @@ DATA_SETS = (
         zip_of_vola="40.6",
         zip_of_laz="0.7",
         density="8",
+        las_density=("7.4", "9.0"),
     ),
     DataSet(
         key="dublin",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from math import sqrt
 from typing import Any
 
 from volatool.occupancy.depth import MIN_OCCUPANCY, deepest_passing
@@ -60,7 +61,9 @@ def level_table(data: DataSet) -> list[dict[str, Any]]:
     rows : list of dict
         Sizes in bytes, occupancies as fractions. ``occupancy_implied`` follows from the printed
         sizes, with its least and largest value for the digits printed; ``predicted_sparse_bytes``
-        from the printed occupancies of the levels above. None where a number is missing.
+        from the printed occupancies of the levels above. ``spread_needed`` is the standard
+        deviation of the blocks' occupancies with which the printed one would be that seen from a
+        voxel, E[n^2] / (64 E[n]). None where a number is missing.
     """
     implied = implied_occupancies(data)
     predicted = predicted_sizes(data)
@@ -87,9 +90,12 @@ def level_table(data: DataSet) -> list[dict[str, Any]]:
                 "occupancy_implied": middle,
                 "occupancy_implied_range": None if low_high is None else list(low_high),
                 "printed_over_implied": None if own is None or not middle else own / middle,
+                "spread_needed": None
+                if own is None or middle is None
+                else sqrt(max(middle * (own - middle), 0.0)),
                 "predicted_sparse_bytes": size,
                 "predicted_over_printed": None
-                if size is None or sparse is None
+                if size is None or sparse is None or printed.sparse is None
                 else size / (sum(sparse) / 2),
             }
         )
@@ -242,6 +248,32 @@ def dublin_fills() -> dict[str, float]:
     }
 
 
+def las_bytes(data: DataSet) -> tuple[float, bool]:
+    """
+    Return the size of a data set as LAS.
+
+    Parameters
+    ----------
+    data : DataSet
+        What is printed.
+
+    Returns
+    -------
+    size, is_printed : float, bool
+        Bytes; not printed but worked out from densities (see `DataSet`), good to two digits.
+    """
+    if data.las_gb is not None:
+        return float(data.las_gb) * 1e9, True
+    assert data.las_density is not None
+    area = data.tiles * TILE_M**2
+    ends = [
+        [float(end) * area * size for end in interval(text)]
+        for text, size in zip(data.las_density, reversed(POINT_BYTES), strict=True)
+    ]
+    low, high = max(pair[0] for pair in ends), min(pair[1] for pair in ends)
+    return (low + high) / 2, False
+
+
 def densities() -> dict[str, dict[str, Any]]:
     """
     Return points a square metre as the sizes of the LAS files have them.
@@ -249,14 +281,12 @@ def densities() -> dict[str, dict[str, Any]]:
     Returns
     -------
     densities : dict of dict
-        By data set with a known LAS size: ``printed``; ``low`` and ``high`` for 34 and 28 bytes a
-        point, over all the tiles' area; ``points`` likewise.
+        By data set: ``printed``; ``low`` and ``high`` for 34 and 28 bytes a point, over all the
+        tiles' area; ``points`` likewise.
     """
     found = {}
     for data in DATA_SETS:
-        if data.las_gb is None:
-            continue
-        points = [float(data.las_gb) * 1e9 / size for size in reversed(POINT_BYTES)]
+        points = [las_bytes(data)[0] / size for size in reversed(POINT_BYTES)]
         area = data.tiles * TILE_M**2
         found[data.key] = {
             "printed": data.density,
@@ -274,15 +304,16 @@ def table_7() -> list[dict[str, Any]]:
     Returns
     -------
     rows : list of dict
-        Sizes in bytes; ``laz_bytes`` and ``volazip_bytes`` follow from ratios of two digits and are
-        good to 1 or 2 digits. ``twice_sparse`` tells whether the VOLA column is twice the sparse
+        Sizes in bytes; ``laz_bytes`` and ``volazip_bytes`` follow from ratios of two digits, and
+        ``las_bytes`` from densities where ``las_is_printed`` is false: good to 1 or 2 digits. ``twice_sparse`` tells whether the VOLA column is twice the sparse
         size at the depth used.
     """
     rows = []
     for data in DATA_SETS:
         vola = float(data.vola_mb) * _MB
         packed = vola * float(data.zip_of_vola) / 100
-        las = None if data.las_gb is None else float(data.las_gb) * 1e9
+        las, is_printed = las_bytes(data)
+        laz = packed / (float(data.zip_of_laz) / 100)
         sparse = data.levels[data.depth - 1].sparse
         assert sparse is not None
         rows.append(
@@ -291,10 +322,12 @@ def table_7() -> list[dict[str, Any]]:
                 "name": data.name,
                 "depth": data.depth,
                 "las_bytes": las,
-                "laz_bytes": packed / (float(data.zip_of_laz) / 100),
+                "las_is_printed": is_printed,
+                "laz_bytes": laz,
+                "laz_percent_of_las": 100 * laz / las,
                 "vola_printed_mb": data.vola_mb,
                 "volazip_bytes": packed,
-                "vola_percent_of_las": None if las is None else 100 * vola / las,
+                "vola_percent_of_las": 100 * vola / las,
                 "vola_percent_of_las_printed": data.vola_percent_of_las,
                 "volazip_percent_of_vola": float(data.zip_of_vola),
                 "volazip_reduced_percent": 100 - float(data.zip_of_vola),

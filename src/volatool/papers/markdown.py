@@ -1,0 +1,29 @@
+"""What the papers' reports share: tables as Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    r"""
+    Return a Markdown table.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Names of the columns.
+    rows : sequence of sequences of str
+        Cells; none may hold a line break, ``|`` is escaped.
+
+    Examples
+    --------
+    >>> print(table(("a", "b"), [("1", "2|3")]))
+    | a | b |
+    | --- | --- |
+    | 1 | 2\|3 |
+    """
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+    )
