@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from volatool.papers.vola_tile_report import tile_parts
 from volatool.papers.markdown import table
+from volatool.papers.vola_tile_report import tile_parts
 
 
 def to_markdown(document: dict[str, Any], figures: Sequence[str] = ()) -> str:
@@ -83,8 +83,8 @@ def _table_1(document: dict[str, Any]) -> list[str]:
         f"Memory of the same surface ({memory['side_m']:g} m a side), all levels, without headers; "
         "running counts for O(h) look-ups double the sparse size in memory.",
         table(
-            ("depth", "cell (m)", "voxels", "dense (bytes)", "sparse", "sparse bits a voxel")
-            + ("octree", "octree bits a voxel"),
+            "depth | cell (m) | voxels | dense (bytes) | sparse | "
+            "sparse bits a voxel | octree | octree bits a voxel",
             [
                 (
                     f"{row['depth']}",
@@ -126,12 +126,9 @@ def _look_ups(document: dict[str, Any]) -> list[str]:
         f"Time of a look-up, CPU nanoseconds, medians of {lookups['runs']} runs of "
         f"{lookups['queries']:,} voxels in random order; dense up to {limit} MiB.",
         table(
-            ("depth", "dense", "sparse", "sparse, cells in order", "sparse, anywhere in the cube")
-            + (
-                "`Volume.find`, checks included",
-                "sparse without counts",
-                "octree (Python binding)",
-            ),
+            "depth | dense | sparse | sparse, cells in order | "
+            "sparse, anywhere in the cube | `Volume.find`, checks included | "
+            "sparse without counts | octree (Python binding)",
             rows,
         ),
         f"Dense is constant but for the cache: {fits['dense']['least']:.1f} to "
@@ -173,9 +170,9 @@ def _tables_2_to_5(document: dict[str, Any]) -> list[str]:
             f"### Table {data['table']}: {data['name']}, {data['tiles']:,} tiles of 100 m "
             f"({data['source']})",
             table(
-                ("level", "dense", "printed", "sparse printed", "dense/sparse")
-                + ("occupancy printed %", "implied %", "printed/implied")
-                + ("sparse predicted", "predicted/printed"),
+                "level | dense | printed | sparse printed | dense/sparse | "
+                "occupancy printed % | implied % | printed/implied | sparse predicted | "
+                "predicted/printed",
                 [_level(row) for row in data["levels"]],
             ),
             f"Depth by the rule: {depth['by_rule']} ({margin}); {verdict}.",
@@ -228,8 +225,8 @@ def _table_6(document: dict[str, Any]) -> list[str]:
         "its exact standard deviation, and "
         f"{document['setup']['samples']:,} sampled blocks; last, their connected components.",
         table(
-            ("occupancy %", "n", "printed", "exact", "sampled", "error of the mean")
-            + ("connected printed %", "exact %", "components"),
+            "occupancy % | n | printed | exact | sampled | error of the mean | "
+            "connected printed % | exact % | components",
             rows,
         ),
     ]
@@ -261,15 +258,9 @@ def _table_7(document: dict[str, Any]) -> list[str]:
         "LAS and LAZ in GB, VOLA and VOLAZip in MB. What says *about* is not printed so in our "
         "documents: it follows from ratios or densities of two or three digits.",
         table(
-            ("", "depth", "LAS", "LAZ", "VOLA, 2 bits", "VOLAZip", "VOLA printed % of LAS")
-            + (
-                "is % of LAS",
-                "LAZ is % of LAS",
-                "VOLAZip is % of VOLA",
-                "reduced by %",
-                "is % of LAZ",
-            )
-            + ("VOLA = 2 x sparse",),
+            " | depth | LAS | LAZ | VOLA, 2 bits | VOLAZip | VOLA printed % of LAS | "
+            "is % of LAS | LAZ is % of LAS | VOLAZip is % of VOLA | reduced by % | "
+            "is % of LAZ | VOLA = 2 x sparse",
             rows,
         ),
     ]

@@ -305,8 +305,8 @@ def table_7() -> list[dict[str, Any]]:
     -------
     rows : list of dict
         Sizes in bytes; ``laz_bytes`` and ``volazip_bytes`` follow from ratios of two digits, and
-        ``las_bytes`` from densities where ``las_is_printed`` is false: good to 1 or 2 digits. ``twice_sparse`` tells whether the VOLA column is twice the sparse
-        size at the depth used.
+        ``las_bytes`` from densities where ``las_is_printed`` is false: good to 1 or 2 digits.
+        ``twice_sparse`` tells whether the VOLA column is twice the sparse size at the depth used.
     """
     rows = []
     for data in DATA_SETS:

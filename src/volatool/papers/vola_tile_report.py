@@ -123,8 +123,8 @@ def _sizes(tables: Sequence[dict[str, Any]]) -> str:
 def _definitions(one: dict[str, Any]) -> str:
     names = ("block_mean", "tile_mean", "voxel_weighted", "implied_by_sizes", "dense_words")
     return table(
-        ("level", "block mean", "tile mean", "from a voxel", "implied by sizes", "dense words")
-        + ("pairs / random",),
+        "level | block mean | tile mean | from a voxel | implied by sizes | "
+        "dense words | pairs / random",
         [
             (
                 f"{row['level']}",
