@@ -29,6 +29,7 @@ _FACES = ((0.94, 0.80, 0.55), (0.72, 0.52, 0.30), (0.84, 0.66, 0.42))
 """Top, and the two sides that are seen."""
 _POINTS = 60_000
 _PANE = 520
+_COLOURS = 96
 
 
 def tile_names(paths: Sequence[Path]) -> dict[Path, dict[str, str]]:
@@ -79,7 +80,7 @@ def subdivision(path: Path) -> None:
             fontsize=11,
         )
     figure.suptitle("One cube of 100 m, each level divided by 4 along each axis", fontsize=13)
-    save(figure, path)
+    save(figure, path, colours=_COLOURS)
 
 
 def _project(places: F64) -> F64:
@@ -143,25 +144,26 @@ def levels(tile: Tile, path: Path) -> None:
     shown = range(max(1, volume.depth - 3), volume.depth + 1)
     columns = min(2, len(shown))
     rows = -(-len(shown) // columns)
-    figure = new_figure(5.4 * columns, 4.0 * rows + 0.5)
+    figure = new_figure(4.2 * columns, 3.05 * rows + 0.4)
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     unit = unit_name(volume.crs.unit_xy) or "units"
     for ax in axes:
         ax.set_axis_off()
+    azimuth = Oblique(volume, _PANE, int(0.66 * _PANE)).azimuth
     for ax, level in zip(axes, shown, strict=False):
-        view = Oblique(volume.truncated(level), _PANE, int(0.66 * _PANE))
+        view = Oblique(volume.truncated(level), _PANE, int(0.66 * _PANE), azimuth)
         page = sky(_PANE, int(0.66 * _PANE))
         at = ((page.width - view.image.width) // 2, (page.height - view.image.height) // 2)
         page.paste(view.image, at, view.mask)
         ax.imshow(np.asarray(page))
         count = volume.n_cells(level)
         ax.set_title(
-            f"Level {level}: {count:,} voxels of {volume.cell(level):.3g} {unit}, "
+            f"Level {level}: {count:,} cells of {volume.cell(level):.3g} {unit}, "
             f"occupancy {100 * count / (64 * volume.n_blocks(level)):.1f} %",
-            fontsize=10,
+            fontsize=9,
         )
     figure.suptitle(tile.path.name, fontsize=12)
-    save(figure, path)
+    save(figure, path, colours=_COLOURS)
 
 
 def density(tile: Tile, path: Path) -> None:
@@ -204,11 +206,17 @@ def density(tile: Tile, path: Path) -> None:
     ax.set_ylabel(f"north of {bottom:,.10g} ({unit})")
     ax.set_title(
         f"{tile.path.name}: {made.counts.sum():,} points, cells of {made.cell:g} {unit}\n"
-        f"median {np.median(covered):.3g} where there are any, middle 90 % "
-        f"{np.percentile(covered, 5):.3g} to {np.percentile(covered, 95):.3g}; grey: none",
+        f"median {_short(np.median(covered))} where there are any, middle 90 % "
+        f"{_short(np.percentile(covered, 5))} to {_short(np.percentile(covered, 95))}; "
+        "grey: none",
         fontsize=9.5,
     )
     save(figure, path)
+
+
+def _short(value: float) -> str:
+    """Return three digits, never as a power of ten."""
+    return f"{float(f'{value:.3g}'):,g}"
 
 
 def _page(made: DensityMap) -> tuple[float, float]:
