@@ -53,7 +53,7 @@ def test_the_sample_is_within_its_error_and_the_same_each_time():
 
 
 def test_a_row_does_not_depend_on_the_size_of_the_pieces(monkeypatch):
-    """Only the number of samples counts... and each piece's own draw: cut, not resampled."""
+    """Pieces keep the memory down; the draws are the same."""
     whole = table.sampled(16, 3000, 1)
     monkeypatch.setattr(table, "_PIECE", 1000)
     assert table.sampled(16, 3000, 1) == pytest.approx(whole)

@@ -93,8 +93,11 @@ def _cubes(ax: Any, volume: Volume, level: int) -> None:
     """Draw the cells set at a level as cubes, far ones first, in the cube's frame."""
     from matplotlib.collections import LineCollection, PolyCollection
 
-    cells = volume.voxels(level).astype(np.float64)
-    cells = cells[np.argsort(cells[:, 2] - cells[:, 0] - cells[:, 1], kind="stable")]
+    held = volume.voxels(level).astype(np.int64)
+    held = held[np.argsort(held[:, 2] - held[:, 0] - held[:, 1], kind="stable")]
+    cells = held.astype(np.float64)
+    beside = np.array([[0, 0, 1], [0, -1, 0], [-1, 0, 0]])
+    is_open = ~volume.contains_cells((held[:, None] + beside).reshape(-1, 3), level)
     corners = np.array(
         [
             [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],  # top
@@ -104,10 +107,11 @@ def _cubes(ax: Any, volume: Volume, level: int) -> None:
         np.float64,
     )
     size = 4.0**level
-    faces = _project((cells[:, None, None] + corners) / size).reshape(-1, 4, 2)
+    faces = _project((cells[:, None, None] + corners) / size).reshape(-1, 4, 2)[is_open]
     colours = np.tile(np.array(_FACES), (len(cells), 1))
     # lower is darker, so that the shape shows without any other light
     colours *= np.repeat(0.62 + 0.38 * cells[:, 2] / max(cells[:, 2].max(), 1), 3)[:, None]
+    colours = colours[is_open]
     edges: Any = "face" if level > 2 else "#5a4630"
     ax.add_collection(
         PolyCollection(list(faces), facecolors=colours, edgecolors=edges, linewidths=0.3, zorder=2)
