@@ -112,6 +112,13 @@ def test_all_tiles_are_measured_at_one_depth(folder):
             assert whole["levels"][level][name] == sum(p["levels"][level][name] for p in parts)
     for name in ("las", "laz", "vola_1_bit", "vola_2_bit", "vola_2_bit_gzip"):
         assert whole["sizes"][name] == sum(part["sizes"][name] for part in parts)
+    assert [part["own_depths"] for part in parts] == [[alone[0]], [alone[1]]]
+    assert whole["own_depths"] == sorted(alone)
+    assert whole["own_sizes"]["vola_1_bit"] == sum(p["own_sizes"]["vola_1_bit"] for p in parts)
+    assert (
+        parts[0]["own_sizes"]["vola_1_bit"]
+        == sizes(read_tile(paths[0], OPTIONS).volume)["vola_1_bit"]
+    )
     means = [part["levels"][1]["occupancy"] for part in parts]
     assert whole["definitions"][1]["tile_mean"] == pytest.approx(np.mean(means))
 
@@ -220,6 +227,16 @@ def test_cells_of_a_map_are_round_and_80_to_200_a_side(extent):
     assert 80 <= round(extent / cell, 6) <= 200
     assert f"{cell:e}"[0] in "125"
     assert vola_density.cell_for(float("nan")) == vola_density.cell_for(-1.0) == 1.0
+
+
+def test_density_in_square_metres(tmp_path):
+    """A square foot is 0.0929 of a square metre."""
+    write_las(tmp_path / "feet.las", hills(500, extent=1000), crs="EPSG:2994")
+    tile = read_tile(tmp_path / "feet.las", OPTIONS)
+    per_foot = tile.source["density"]["all_per_area_occupied"]
+    assert tile.density_m2 == pytest.approx(per_foot / 0.3048**2)
+    write_las(tmp_path / "units.las", hills(500, extent=1000))
+    assert read_tile(tmp_path / "units.las", OPTIONS).density_m2 is None
 
 
 def test_density_of_a_tile_is_all_its_points(folder):

@@ -29,7 +29,7 @@ _FACES = ((0.94, 0.80, 0.55), (0.72, 0.52, 0.30), (0.84, 0.66, 0.42))
 """Top, and the two sides that are seen."""
 _POINTS = 60_000
 _PANE = 520
-_COLOURS = 96
+_COLOURS = 128
 
 
 def tile_names(paths: Sequence[Path]) -> dict[Path, dict[str, str]]:
@@ -215,7 +215,7 @@ def density(tile: Tile, path: Path) -> None:
         "grey: none",
         fontsize=9.5,
     )
-    save(figure, path)
+    save(figure, path, colours=_COLOURS)
 
 
 def _short(value: float) -> str:
@@ -277,7 +277,7 @@ def look_ups(document: dict[str, Any], path: Path) -> None:
         ax.set_xlabel("depth (levels)")
         ax.grid(alpha=0.3)
         ax.legend(fontsize=8.5)
-    save(figure, path)
+    save(figure, path, colours=_COLOURS)
 
 
 def _curve(
@@ -322,4 +322,4 @@ def packing(document: dict[str, Any], path: Path) -> None:
     ax.grid(alpha=0.3, axis="y")
     ax.set_axisbelow(True)
     ax.legend(fontsize=9)
-    save(figure, path)
+    save(figure, path, colours=_COLOURS)

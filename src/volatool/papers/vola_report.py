@@ -45,6 +45,8 @@ def to_markdown(document: dict[str, Any], figures: Sequence[str] = ()) -> str:
         parts += _figure_8(document)
     if figures:
         parts += ["## Figures", *(f"![{name}]({name})" for name in figures)]
+        if len(setup["tiles"]) > setup["most_pictures"]:
+            parts.append(f"Of {len(setup['tiles'])} tiles the first {setup['most_pictures']}.")
     parts += [
         "## Errata",
         table(

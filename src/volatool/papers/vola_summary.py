@@ -12,6 +12,7 @@ from volatool.papers.vola_claims import Claim, claims, packing_times
 from volatool.papers.vola_contiguity import table_6
 from volatool.papers.vola_effects import DEPTH, effects
 from volatool.papers.vola_errata import errata
+from volatool.papers.vola_figures import MOST_TILES
 from volatool.papers.vola_lookups import DENSE_LIMIT_BYTES, memory, times
 from volatool.papers.vola_printed import MISSING
 from volatool.papers.vola_scene import surface
@@ -75,6 +76,7 @@ def summarize(
             "samples": samples,
             "seed": seed,
             "dense_limit_bytes": DENSE_LIMIT_BYTES,
+            "most_pictures": MOST_TILES,
             "tiles": [tile.path.name for tile in tiles],
         },
         "table_1": {

@@ -37,9 +37,10 @@ def tile_parts(tiles: dict[str, Any]) -> list[str]:
         parts += [f"**{one['name']}**{_about(one)}", _levels(one)]
     parts += [
         "### Table 7, measured",
-        "Bytes of the levels at the common depth, without header and trailer, as the paper counts "
-        "them. LAS is what the points take uncompressed.",
-        _sizes([*tiles["tiles"], whole] if several else [whole]),
+        "Bytes of the levels, without header and trailer, as the paper counts them; LAS is what the "
+        "points take uncompressed. Each tile at the depth that the rule gives for it alone"
+        + (", and all at the common depth." if several else "."),
+        _sizes(tiles["tiles"], whole if several else None),
         "### What else occupancy could mean",
         "Per cent, at each level: bits set of stored blocks; its mean over tiles; as seen from a "
         "voxel; as the sizes imply; of the dense form's words that are not empty.",
@@ -53,7 +54,9 @@ def _about(one: dict[str, Any]) -> str:
     if one["side"] is not None:
         parts.append(f"cube of {one['side']:.6g} {one['unit'] or 'units'}")
     density = (one["density"] or {}).get("all_per_area_occupied")
-    if density is not None:
+    if one["points_per_m2"] is not None:
+        parts.append(f"{one['points_per_m2']:.3g} points a square metre of covered area")
+    elif density is not None:
         parts.append(f"{density:.3g} points a square {one['unit'] or 'unit'} of covered area")
     return ": " + ", ".join(parts) if parts else ""
 
@@ -93,15 +96,19 @@ def _levels(one: dict[str, Any]) -> str:
     return table((*head, "voxels", "points/voxel", "pairs %", "random %"), rows)
 
 
-def _sizes(tables: Sequence[dict[str, Any]]) -> str:
+def _sizes(tables: Sequence[dict[str, Any]], whole: dict[str, Any] | None) -> str:
+    lines = [(one["name"], f"{one['own_depths'][0]}", one["own_sizes"]) for one in tables]
+    if whole is not None:
+        own = " and ".join(map(str, whole["own_depths"]))
+        lines.append((f"{whole['name']}, each at its own", own, whole["own_sizes"]))
+        lines.append((f"{whole['name']}, at one", f"{whole['depth']}", whole["sizes"]))
     rows = []
-    for one in tables:
-        sizes = one["sizes"]
+    for name, depth, sizes in lines:
         kind = ", ".join(sizes["laz_kind"])
         rows.append(
             (
-                one["name"],
-                f"{one['depth']}",
+                name,
+                depth,
                 _mb(sizes["las"]),
                 _mb(sizes["laz"]) + ("" if sizes["laz"] is None else f" ({kind})"),
                 _mb(sizes["vola_1_bit"]),

@@ -21,6 +21,7 @@ from volatool.papers.vola_tiles import (
     strip_occupancy,
     tile_mean,
 )
+from volatool.vola.volume import Volume
 
 _UNKNOWN = 1 << 62
 """Stands for the number of points where it isn't known: no level is too deep for it."""
@@ -127,12 +128,15 @@ def _table(tiles: Sequence[Tile], name: str) -> dict[str, Any]:
         "side": sides.pop() if len(sides) == 1 else None,
         "unit": units.pop() if len(units) == 1 else None,
         "density": tiles[0].source["density"] if len(tiles) == 1 else None,
+        "points_per_m2": tiles[0].density_m2 if len(tiles) == 1 else None,
         "choice": common_choice(tiles),
         "depth": tiles[0].volume.depth,
         "levels": rows,
         "definitions": _definitions(tiles, rows),
         "identity": _identity(tiles),
-        "sizes": _sizes(tiles),
+        "sizes": _sizes(tiles, [tile.volume for tile in tiles]),
+        "own_depths": sorted({tile.own.depth for tile in tiles}),
+        "own_sizes": _sizes(tiles, [tile.own for tile in tiles]),
     }
 
 
@@ -174,11 +178,11 @@ def _identity(tiles: Sequence[Tile]) -> dict[str, Any]:
     }
 
 
-def _sizes(tiles: Sequence[Tile]) -> dict[str, Any]:
+def _sizes(tiles: Sequence[Tile], at: Sequence[Volume]) -> dict[str, Any]:
     """Return Table 7's columns: bytes, and per cents of LAS, LAZ and VOLA."""
     las = _total([tile.source["las_equivalent_bytes"] for tile in tiles])
     laz = _total([tile.laz_bytes for tile in tiles])
-    measured = [sizes(tile.volume) for tile in tiles]
+    measured = [sizes(volume) for volume in at]
     volumes = {name: _total([one[name] for one in measured]) for name in measured[0]}
     kinds = sorted({tile.laz_kind for tile in tiles})
     vola, packed = volumes["vola_2_bit"], volumes["vola_2_bit_gzip"]

@@ -51,7 +51,9 @@ class Tile:
     source : dict
         ``input`` of a report.
     volume : Volume
-        As deep as asked for, or as the rule has it, with its metadata.
+        With its metadata, as deep as asked for; else `own`.
+    own : Volume
+        As deep as the rule has it for this tile alone.
     counts : list of LevelCounts
         Of levels 1 to beyond the volume's depth, if points were counted there.
     density : DensityMap or None
@@ -67,11 +69,19 @@ class Tile:
     path: Path
     source: dict[str, Any]
     volume: Volume
+    own: Volume
     counts: list[LevelCounts]
     density: DensityMap | None
     laz_bytes: int | None
     laz_kind: str
     warnings: tuple[CodedWarning, ...]
+
+    @property
+    def density_m2(self) -> float | None:
+        """Points a square metre of covered area; None if the unit or the points aren't known."""
+        density = self.source["density"]["all_per_area_occupied"]
+        metres = self.volume.crs.metres_per_unit_xy
+        return None if density is None or metres is None else float(density / metres**2)
 
     @property
     def n_points(self) -> int | None:
@@ -117,6 +127,7 @@ def read_tile(
             path=path,
             source=input_document(path, source, scan),
             volume=part.volume,
+            own=part.volume,
             counts=counts[: len(part.levels)],
             density=density.result(),
             laz_bytes=laz_bytes,
@@ -133,6 +144,7 @@ def _volume_tile(path: Path, options: ConvertOptions) -> Tile:
         path=path,
         source=volume_input(path, volume, volume.crs),
         volume=volume,
+        own=volume,
         counts=volume.counts(),
         density=None,
         laz_bytes=None,
