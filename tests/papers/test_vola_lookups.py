@@ -152,6 +152,8 @@ def test_occupancy_seen_from_a_voxel_is_no_less():
     pairs = zip(found["voxel_weighted"], found["floor"], strict=True)
     assert all(weighted >= plain - 1e-12 for weighted, plain in pairs)
     assert len(found["rounded"]) == 4
+    # the deepest level is the same file's last one in both
+    assert found["rounded_alone"][3] == found["rounded"][3]
 
 
 def test_mean_and_last_point_of_a_block():

@@ -67,11 +67,18 @@ def rounding(density: float) -> dict[str, Any]:
     Returns
     -------
     found : dict
-        ``density``; ``floor``, ``rounded`` and ``voxel_weighted`` (floor, seen from a voxel) of
-        levels 1 to 4.
+        ``density``; of levels 1 to 4 ``floor``, ``rounded`` (one file of depth 4),
+        ``rounded_alone`` (each level the last one of a file of its own: rounding hangs on the
+        file's depth) and ``voxel_weighted`` (floor, seen from a voxel).
     """
     places = surface_places(round(density * SIDE**2))
-    found: dict[str, Any] = {"density": density}
+    alone = [
+        volume_of_cells(rounded(places, depth), depth).counts()[-1] for depth in range(1, DEPTH + 1)
+    ]
+    found: dict[str, Any] = {
+        "density": density,
+        "rounded_alone": [occupancy_of(count) for count in alone],
+    }
     for name, cells in (
         ("floor", floor_cells(places, DEPTH)),
         ("rounded", rounded(places, DEPTH)),

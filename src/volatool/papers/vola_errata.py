@@ -179,8 +179,8 @@ def _definitions(document: dict[str, Any]) -> str:
         "deviation). Made-up surface: "
     ) + "; ".join(
         f"{case['density']:g} points a square metre, levels 1 to 4: floor "
-        f"{_row(case['floor'])}, rounded {_row(case['rounded'])}, from a voxel "
-        f"{_row(case['voxel_weighted'])} %"
+        f"{_row(case['floor'])}, rounded {_row(case['rounded'])}, each level rounded in a file of "
+        f"its own {_row(case['rounded_alone'])}, from a voxel {_row(case['voxel_weighted'])} %"
         for case in (thin, thick)
     )
     tiles = document["tiles"]

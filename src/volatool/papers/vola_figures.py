@@ -215,7 +215,7 @@ def density(tile: Tile, path: Path) -> None:
         "grey: none",
         fontsize=9.5,
     )
-    save(figure, path, colours=_COLOURS)
+    save(figure, path)  # all colours: they are values
 
 
 def _short(value: float) -> str:

@@ -37,8 +37,8 @@ def tile_parts(tiles: dict[str, Any]) -> list[str]:
         parts += [f"**{one['name']}**{_about(one)}", _levels(one)]
     parts += [
         "### Table 7, measured",
-        "Bytes of the levels, without header and trailer, as the paper counts them; LAS is what the "
-        "points take uncompressed. Each tile at the depth that the rule gives for it alone"
+        "Bytes of the levels, without header and trailer, as the paper counts them; LAS is what "
+        "the points take uncompressed. Each tile at the depth that the rule gives for it alone"
         + (", and all at the common depth." if several else "."),
         _sizes(tiles["tiles"], whole if several else None),
         "### What else occupancy could mean",
