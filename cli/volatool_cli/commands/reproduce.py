@@ -16,7 +16,7 @@ def reproduce() -> None:
     \b
     Examples:
       volatool reproduce emap --runs 1 --duration 5
-      volatool reproduce vola tile.laz
+      volatool reproduce vola tile.laz --no-resources
     """
 
 
