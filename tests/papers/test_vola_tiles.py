@@ -14,7 +14,7 @@ from making_tiles import hills, write_las
 from making_volumes import random_volume
 
 import volatool
-from volatool.errors import CodedWarning, OptionError, ResourceError
+from volatool.errors import CodedWarning, OptionError
 from volatool.model import PointChunk
 from volatool.options import ConvertOptions
 from volatool.papers import vola_density
@@ -176,6 +176,32 @@ def test_tiles_without_a_point(tmp_path, folder):
         read_tiles([tmp_path / "empty.las"], OPTIONS)
 
 
+def test_a_volume_without_a_voxel(tmp_path, folder):
+    """A file of one empty root block: left out, not divided by."""
+    from volatool.encodings import Encoding, write_volume
+    from volatool.vola.volume import Volume
+
+    like = random_volume(2, 5)
+    empty = Volume((np.zeros(1, np.uint64), np.zeros(0, np.uint64)), None, like.cube, like.info)
+    with (tmp_path / "none.vol").open("wb") as stream:
+        write_volume(stream, empty, Encoding("sparse", 1, "none"))
+    found = read_tile(tmp_path / "none.vol", OPTIONS)
+    assert isinstance(found, CodedWarning)
+    assert found.code == "W_EMPTY"
+
+
+def test_progress_is_of_all_tiles(folder):
+    """Bytes, never backwards, to the end."""
+    told = []
+    paths = [folder / "thin.las", folder / "dense.las"]
+    read_tiles(paths, OPTIONS, lambda done, total: told.append((done, total)))
+    total = sum(path.stat().st_size for path in paths)
+    assert {of for _, of in told} == {total}
+    done = [value for value, _ in told]
+    assert done == sorted(done)
+    assert done[-1] == total
+
+
 def chunk(x, y, scale=0.01):
     x, y = (np.asarray(values, np.int32) for values in (x, y))
     return PointChunk(0, x, y, np.zeros_like(x), (scale,) * 3, (0.0, 0.0, 0.0))
@@ -184,15 +210,15 @@ def chunk(x, y, scale=0.01):
 def test_density_counts_points_in_cells_on_multiples_of_their_edge(monkeypatch):
     """Against a dictionary, negative coordinates too, whatever the chunks."""
     rng = np.random.default_rng(1)
-    x, y = rng.integers(-5000, 5000, (2, 900))
-    monkeypatch.setattr(vola_density, "_MERGE", 100)
+    x, y = rng.integers(-5000, 5000, (2, 3000))
+    monkeypatch.setattr(vola_density, "_MERGE", 1000)
     gatherer = vola_density.DensityGatherer(5.0)
-    for start in (0, 100, 101, 600):
-        stop = {0: 100, 100: 101, 101: 600, 600: 900}[start]
+    for start, stop in ((0, 100), (100, 101), (101, 1700), (1700, 3000)):
         gatherer.add(chunk(x[start:stop], y[start:stop]))
     gatherer.add(chunk([], []))
     made = gatherer.result()
-    assert made.counts.sum() == 900
+    assert made.cell == 5
+    assert made.counts.sum() == 3000
     left, bottom = made.bounds.left, made.bounds.bottom
     assert left % 5 == bottom % 5 == 0
     expected = {}
@@ -215,10 +241,25 @@ def test_a_map_is_made_coarser_until_it_fits():
     assert made.cell == pytest.approx(0.08)
 
 
-def test_densities_of_nothing_and_of_too_much():
+def test_a_map_of_nothing():
     assert vola_density.DensityGatherer(1.0).result() is None
-    with pytest.raises(ResourceError, match="too many"):
-        vola_density.DensityGatherer(1e-9).add(chunk([2_000_000_000], [0], scale=1.0))
+
+
+def test_cells_that_are_much_too_small_become_larger(monkeypatch):
+    """Whatever the header's box led to: no point is lost, memory is bounded."""
+    gatherer = vola_density.DensityGatherer(1e-9)
+    gatherer.add(chunk([2_000_000_000, -7], [0, 5], scale=1.0))
+    assert gatherer.result().counts.sum() == 2
+    monkeypatch.setattr(vola_density, "_MERGE", 500)
+    gatherer = vola_density.DensityGatherer(0.25)
+    for start in range(0, 4000, 400):
+        gatherer.add(chunk(np.arange(start, start + 400) - 1999, np.zeros(400), scale=0.25))
+        assert gatherer._held <= 500
+    made = gatherer.result()
+    assert made.counts.sum() == 4000
+    assert made.cell > 0.25
+    # cells keep to multiples of their edge, so each but the outermost holds as many points
+    assert set(made.counts[0, 1:-1].tolist()) == {made.cell / 0.25}
 
 
 @pytest.mark.parametrize("extent", [0.37, 1.0, 99.0, 12345.6])

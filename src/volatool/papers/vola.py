@@ -60,7 +60,7 @@ def reproduce(
     overwrite : bool
         Replace such files.
     progress : callable, optional
-        Told (points done, points of the file) of each tile.
+        Told (bytes done, bytes of all tiles).
 
     Returns
     -------

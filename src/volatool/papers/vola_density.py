@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from volatool.errors import ResourceError
 from volatool.model import F64, I64, U64, Bounds, PointChunk
 
 MOST_CELLS = 400
@@ -56,8 +55,8 @@ class DensityGatherer:
     Parameters
     ----------
     cell : float
-        Edge, in units of the CRS; see `cell_for`. `result` makes it larger if the map would have
-        more than `MOST_CELLS` cells a side.
+        Edge, in units of the CRS; see `cell_for`. It becomes larger if there are too many cells,
+        and in `result` until the map has no more than `MOST_CELLS` a side.
     """
 
     def __init__(self, cell: float) -> None:
@@ -78,16 +77,18 @@ class DensityGatherer:
         if not len(chunk):
             return
         xy = chunk.xyz()[:, :2]
-        places = np.floor(xy / self.cell)
-        if np.abs(places).max() >= _HALF:
-            raise ResourceError(f"a map in cells of {self.cell:g} has too many of them", "E_SIZE")
-        columns, rows = (places.astype(np.int64) + _HALF).T.astype(np.uint64)
+        farthest = float(np.abs(xy).max())
+        while farthest / self.cell >= _HALF - 1:  # the header's box was no help
+            self._coarsen()
+        columns, rows = (np.floor(xy / self.cell).astype(np.int64) + _HALF).T.astype(np.uint64)
         keys, counts = np.unique(rows << np.uint64(32) | columns, return_counts=True)
         self._keys.append(keys)
         self._counts.append(counts)
         self._held += len(keys)
         if self._held > _MERGE:
             self._merge()
+            while self._held > _MERGE // 2:
+                self._coarsen()
 
     def _merge(self) -> None:
         keys, place = np.unique(np.concatenate(self._keys), return_inverse=True)
@@ -95,14 +96,26 @@ class DensityGatherer:
         np.add.at(counts, place, np.concatenate(self._counts))
         self._keys, self._counts, self._held = [keys], [counts], len(keys)
 
+    def _coarsen(self) -> None:
+        """Make cells twice as large."""
+        self.cell *= 2
+        if self._keys:
+            columns, rows = (places // 2 + _HALF for places in self._places())
+            self._keys = [rows.astype(np.uint64) << np.uint64(32) | columns.astype(np.uint64)]
+            self._merge()
+
+    def _places(self) -> tuple[I64, I64]:
+        """Return column and row of all cells, merged."""
+        self._merge()
+        low = np.uint64((1 << 32) - 1)
+        columns = (self._keys[0] & low).astype(np.int64) - _HALF
+        return columns, (self._keys[0] >> np.uint64(32)).astype(np.int64) - _HALF
+
     def result(self) -> DensityMap | None:
         """Return the map; None without points."""
         if not self._keys:
             return None
-        self._merge()
-        low = np.uint64((1 << 32) - 1)
-        columns = (self._keys[0] & low).astype(np.int64) - _HALF
-        rows = (self._keys[0] >> np.uint64(32)).astype(np.int64) - _HALF
+        columns, rows = self._places()
         longer = max(int(np.ptp(columns)), int(np.ptp(rows))) + 1
         factor = -(-longer // MOST_CELLS)
         columns, rows = columns // factor, rows // factor

@@ -40,7 +40,7 @@ def read_tiles(
     options : ConvertOptions
         CRS and metadata.
     progress : callable, optional
-        Told (points done, points of the file) of each.
+        Told (bytes done, bytes of all tiles).
 
     Returns
     -------
@@ -51,8 +51,10 @@ def read_tiles(
     """
     tiles: list[Tile] = []
     warnings: list[CodedWarning] = []
-    for path in paths:
-        tile = read_tile(path, options, progress)
+    sizes_of = [path.stat().st_size if path.is_file() else 0 for path in paths]
+    for number, path in enumerate(paths):
+        told = _part(progress, sum(sizes_of[:number]), sizes_of[number], sum(sizes_of))
+        tile = read_tile(path, options, told)
         if isinstance(tile, CodedWarning):
             warnings.append(tile)
             continue
@@ -61,12 +63,17 @@ def read_tiles(
     if not tiles:
         raise OptionError("no input has a point: there is nothing to measure")
     depth = common_choice(tiles)["depth"]
-    return [_at_depth(tile, depth, options, progress) for tile in tiles], warnings
+    return [_at_depth(tile, depth, options) for tile in tiles], warnings
 
 
-def _at_depth(tile: Tile, depth: int, options: ConvertOptions, progress: Progress) -> Tile:
+def _part(progress: Progress, before: int, size: int, total: int) -> Progress:
+    """Return a progress for one tile that tells of all of them."""
+    return lambda done, of: progress(before + (size * done // of if of else size), total)
+
+
+def _at_depth(tile: Tile, depth: int, options: ConvertOptions) -> Tile:
     if tile.volume.depth < depth:
-        again = read_tile(tile.path, replace(options, depth=depth), progress)
+        again = read_tile(tile.path, replace(options, depth=depth))
         assert isinstance(again, Tile)
         return replace(tile, volume=again.volume)
     return replace(tile, volume=tile.volume.truncated(depth))

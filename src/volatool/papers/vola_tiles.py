@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from volatool import resources
+from volatool.cube import MAX_DEPTH
 from volatool.errors import CodedWarning
 from volatool.formats import gz
 from volatool.formats.registry import open_volume
@@ -111,13 +112,14 @@ def read_tile(
         A warning when no point is left to use.
     """
     if path.name.lower().endswith(VOLUME_SUFFIXES):
-        return _volume_tile(path, options)
+        tile = _volume_tile(path, options)
+        return tile if len(tile.volume) else _empty(path)
     with open_source(path, options) as source, _scratch(options) as scratch:
         box = source.header.box
         density = DensityGatherer(cell_for(max(box[3] - box[0], box[4] - box[1])))
         scan = _scan(source, options, scratch, density, progress)
         if not scan.builders:
-            return CodedWarning("W_EMPTY", f"{path.name}: no point to use; it is left out")
+            return _empty(path)
         counts = next(iter(scan.builders.values())).build().counts
         part = make_volumes(
             scan.builders, source, options, OutputSet(overwrite=False), None, _corners(source, scan)
@@ -134,6 +136,10 @@ def read_tile(
             laz_kind=kind,
             warnings=(*source.warnings, *scan.warnings, *part.warnings),
         )
+
+
+def _empty(path: Path) -> CodedWarning:
+    return CodedWarning("W_EMPTY", f"{path.name}: has no point to use; it is left out")
 
 
 def _volume_tile(path: Path, options: ConvertOptions) -> Tile:
@@ -314,9 +320,9 @@ def strip_occupancy(volume: Volume, level: int) -> tuple[int, int] | None:
     -------
     voxels, words : int
         Cells set, and the words of the dense level that are not zero; None for more voxels than
-        are worth sorting.
+        are worth sorting, or levels whose cells 64 bits can't number.
     """
-    if volume.n_cells(level) > _STRIP_VOXELS:
+    if volume.n_cells(level) > _STRIP_VOXELS or level > MAX_DEPTH:
         return None
     bare = Volume(volume.levels[:level], None, volume.cube, volume.info)
     return volume.n_cells(level), len(level_strips(bare, level).words)
