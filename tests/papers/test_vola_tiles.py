@@ -283,3 +283,21 @@ def test_density_in_square_metres(tmp_path):
 def test_density_of_a_tile_is_all_its_points(folder):
     tile = read_tile(folder / "dense.las", OPTIONS)
     assert tile.density.counts.sum() == tile.n_points == 6000
+
+
+def test_the_papers_claims_on_two_real_tiles(shared):
+    """Delft: VOLA below 1 % of LAS, VOLAZip below 5 % of LAZ and about half of VOLA (section 8)."""
+    paths = [shared / "tiles" / f"ahn3_cropped_{number}.laz" for number in (1, 2)]
+    tiles, _ = read_tiles(paths, ConvertOptions(resources=False, crs_default="EPSG:28992"))
+    table = tile_tables(tiles)["sum"]
+    assert table["points"] == 640_510 + 208_432
+    assert (table["depth"], table["own_depths"]) == (4, [4])
+    assert table["identity"] == {"holds": True, "levels": 8, "blocks": 11_859, "broken": {}}
+    found = table["sizes"]
+    assert found["vola_2_bit"] == 16 * 11_859
+    assert found["vola_percent_of_las"] < 1
+    assert found["volazip_percent_of_laz"] < 5
+    assert 40 < found["volazip_percent_of_vola"] < 60
+    assert 7 < found["laz_percent_of_las"] < 25  # V20
+    for row in table["definitions"]:
+        assert row["contiguous_over_random"] > 1  # surfaces hang together
