@@ -247,7 +247,8 @@ def _table_7(document: dict[str, Any]) -> list[str]:
                 row["vola_printed_mb"],
                 f"about {row['volazip_bytes'] / 1e6:.3g}",
                 row["vola_percent_of_las_printed"] or "-",
-                _number(row["vola_percent_of_las"], 2),
+                ("" if row["las_is_printed"] else "about ")
+                + _number(row["vola_percent_of_las"], 2),
                 f"about {row['laz_percent_of_las']:.0f}",
                 f"{row['volazip_percent_of_vola']:.1f}",
                 f"{row['volazip_reduced_percent']:.1f}",
