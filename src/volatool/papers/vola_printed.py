@@ -1,7 +1,6 @@
 """What the VOLA paper prints, as far as our documents have it; None is "not in our documents".
 
-Numbers are kept as text, so that the digits say how exact they are. Where our two accounts of the
-paper give a number with different digits both are kept.
+Numbers are kept as text, so that the digits say how exact they are.
 """
 
 from __future__ import annotations
@@ -161,6 +160,7 @@ DATA_SETS = (
             PrintedLevel(None, "0.065", "87.1"),
             PrintedLevel(None, "1.96", "48.3"),
             PrintedLevel(None, "40.8", "35.5"),
+            # our two accounts of the paper have .948 and .947: exact is .947808
             PrintedLevel("48539.948", "684", "14.72"),
         ),
         depth=4,
