@@ -259,7 +259,8 @@ class Volume:
         corner, side, size = self.cube.origin[axis], self.cube.side, 4**level
         error = _ULPS * np.maximum(np.abs(places), abs(corner))
         away = places - corner
-        inside = (away >= -error) & (away <= side + error)  # false for NaN
+        # false for NaN; the error of an infinite place is infinite, so it would be inside
+        inside = np.isfinite(places) & (away >= -error) & (away <= side + error)
         away = np.where(inside, away, 0.0)
         if not side:
             cells = np.zeros(len(away), np.int64)
