@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,10 @@ from volatool.errors import FormatError, OptionError, ResourceError
 from volatool.model import F64, I32, I64, U64, Bool, Bounds, CrsInfo, LevelCounts
 from volatool.vola.info import VolumeInfo
 from volatool.vola.words import count_level, frozen, popcount
+
+if TYPE_CHECKING:
+    from volatool.vola.directory import Directory
+    from volatool.vola.rays import Hits, Sights
 
 __all__ = ["MAX_LEVELS", "Volume", "VolumeInfo", "count_level"]
 
@@ -288,7 +293,11 @@ class Volume:
         contained : (n,) array of bool
             False outside the cube and for coordinates that are not finite.
         """
-        return self.contains_cells(self.cell_indices(xyz))
+        if self._is_rounded() or not self.cube.side:
+            return self.contains_cells(self.cell_indices(xyz))
+        from volatool.vola.query import contains
+
+        return contains(self, xyz)
 
     def contains_cells(self, cells: ArrayLike, level: int | None = None) -> Bool:
         """
@@ -324,15 +333,30 @@ class Volume:
         index : (n,) array of int64
             Row of the cell in `voxels` (and of its block in the next level), -1 if it is not set.
         """
-        from volatool.kernels import words
-
         level = self._level(level)
         indices: I64 = np.ascontiguousarray(np.asarray(cells, np.int64).reshape(-1, 3))
-        size = 4**level
-        here = np.where(np.all((indices >= 0) & (indices < size), axis=1), 0, -1).astype(np.int64)
-        for i in range(level):
-            words.descend(self.levels[i], self._ranks[i], indices, 2 * (level - 1 - i), here)
-        return here
+        return self.directory.find(indices, level)
+
+    def ray(
+        self, origin: ArrayLike, direction: ArrayLike, max_distance: ArrayLike | None = None
+    ) -> Hits:
+        """Return the first voxel that each ray meets: `volatool.vola.rays.cast`."""
+        from volatool.vola.rays import cast
+
+        return cast(self, origin, direction, max_distance)
+
+    def sight(self, a: ArrayLike, b: ArrayLike, *, ignore_ends: bool = False) -> Sights:
+        """Tell whether points see each other: `volatool.vola.rays.sight`."""
+        from volatool.vola.rays import sight
+
+        return sight(self, a, b, ignore_ends=ignore_ends)
+
+    @cached_property
+    def directory(self) -> Directory:
+        """Rank directory, made when it is first needed."""
+        from volatool.vola.directory import Directory
+
+        return Directory.of(self.levels)
 
     @cached_property
     def _ranks(self) -> tuple[I64, ...]:
