@@ -41,3 +41,40 @@ def first_hit(voxels, origin, direction, size, limit=math.inf, skip=()):
         if span is not None:
             found.append((span[0], span[1], cell))
     return None if not found else (min(found)[0], min(found)[2])
+
+
+def half_open(cell, point, size):
+    """Whether a point in cells falls into a cell."""
+    return all(
+        k <= p < k + 1 or (k == size - 1 and p == size) for k, p in zip(cell, point, strict=True)
+    )
+
+
+def meets_box(cell, low, high, size):
+    """Whether a point of a closed box falls into a cell."""
+    return all(
+        k <= b and (a < k + 1 or (k == size - 1 and a == size))
+        for k, a, b in zip(cell, low, high, strict=True)
+    )
+
+
+def runs(voxels, x, y):
+    """(lowest, highest) z of each run of a column, top to bottom."""
+    layers = sorted((z for vx, vy, z in voxels if (vx, vy) == (x, y)), reverse=True)
+    found = []
+    for z in layers:
+        if found and found[-1][0] == z + 1:
+            found[-1][0] = z
+        else:
+            found.append([z, z])
+    return [tuple(run) for run in found]
+
+
+def neighbours(voxels, cell, square, *, in_block=False):
+    """Voxels whose distance to a cell is at most the root of `square`, without itself."""
+    n = 0
+    for voxel in voxels:
+        d = sum((a - b) ** 2 for a, b in zip(voxel, cell, strict=True))
+        same_block = all(a // 4 == b // 4 for a, b in zip(voxel, cell, strict=True))
+        n += 0 < d <= square and (same_block or not in_block)
+    return n

@@ -54,7 +54,7 @@ class Frame:
             z_ratio=float(volume.crs.z_ratio),
         )
 
-    def places(self, xyz: ArrayLike) -> F64:
+    def places(self, xyz: ArrayLike, snap: float = 0.0) -> F64:
         """
         Return places.
 
@@ -62,12 +62,14 @@ class Frame:
         ----------
         xyz : (n, 3) array of float
             In units of the CRS, z in the vertical unit.
+        snap : float
+            What is within rounding error (4 units in the last place of the coordinate) of
+            ``k + snap`` is on it: 0 for the faces of cells, a half for their middles.
 
         Returns
         -------
         places : (n, 3) array of float64
-            In cells. Within rounding error of a face (4 units in the last place of the
-            coordinate) means on it. Where the cube is one place: 0 there, else infinite.
+            In cells. Where the cube is one place: 0 there, else infinite.
         """
         points = np.array(xyz, np.float64).reshape(-1, 3)
         points[:, 2] *= self.z_ratio
@@ -77,8 +79,8 @@ class Frame:
             if not self.step:
                 return np.where(np.abs(away) <= error, 0.0, np.copysign(np.inf, away))
             places = away / self.step + self.shift
-            face = np.rint(places)
-            return np.where(np.abs(places - face) * self.step <= error, face, places)
+            near = np.rint(places - snap) + snap
+            return np.where(np.abs(places - near) * self.step <= error, near, places)
 
     def directions(self, directions: ArrayLike) -> F64:
         """Return directions in cells: z counts in the horizontal unit, lengths don't matter."""
@@ -122,16 +124,13 @@ class Frame:
         first, last : (3,) arrays of int64
             Both inclusive, within the grid; ``first > last`` on an axis where there are none.
         """
-        ends = self.places(np.stack([np.asarray(low, float), np.asarray(high, float)]))
-        top = np.maximum(ends[1], 0.0)
+        box = np.array([low, high], np.float64)
+        low_place, high_place = self.places(box, snap=0.5 if centres else 0.0)
         if centres:
-            first = np.ceil(ends[0] - 0.5)
-            last = np.ceil(ends[1] - 0.5) - 1
+            first, last = np.ceil(low_place - 0.5), np.ceil(high_place - 0.5) - 1
         else:
-            # the far face of the cube belongs to the last cell
-            end = self.size - self.shift
-            first = np.floor(np.where(ends[0] <= end, np.minimum(ends[0], self.size - 1), ends[0]))
-            last = np.floor(np.where(ends[1] < self.shift, -1.0, top))
-        first = np.clip(first, 0, self.size)
-        last = np.clip(last, -1, self.size - 1)
+            # the cube's far face belongs to the last cell
+            first = np.where(low_place == self.size, self.size - 1, np.floor(low_place))
+            last = np.floor(high_place)
+        first, last = np.clip(first, 0, self.size), np.clip(last, -1, self.size - 1)
         return first.astype(np.int64), last.astype(np.int64)

@@ -5,9 +5,10 @@ Levels count from 1 (the root block, 4 x 4 x 4 cells) to the depth, whose cells 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +20,11 @@ from volatool.vola.info import VolumeInfo
 from volatool.vola.words import count_level, frozen, popcount
 
 if TYPE_CHECKING:
+    from volatool.vola.census import Census
     from volatool.vola.directory import Directory
+    from volatool.vola.neighbours import NeighbourError
     from volatool.vola.rays import Hits, Sights
+    from volatool.vola.regions import BoxCount, Column
 
 __all__ = ["MAX_LEVELS", "Volume", "VolumeInfo", "count_level"]
 
@@ -350,6 +354,54 @@ class Volume:
         from volatool.vola.rays import sight
 
         return sight(self, a, b, ignore_ends=ignore_ends)
+
+    def box(self, low: ArrayLike, high: ArrayLike) -> BoxCount:
+        """Count what is in a box: `volatool.vola.regions.count_box`."""
+        from volatool.vola.regions import count_box
+
+        return count_box(self, low, high)
+
+    def column(self, x: float, y: float) -> Column:
+        """Return the occupied runs over a place, top to bottom; see `columns`."""
+        return self.columns([[x, y]])[0]
+
+    def columns(self, xy: ArrayLike) -> list[Column]:
+        """Return the occupied runs over places: `volatool.vola.regions.columns`."""
+        from volatool.vola.regions import columns
+
+        return columns(self, xy)
+
+    def census(
+        self,
+        box: Bounds | Sequence[float] | None = None,
+        *,
+        z: tuple[float, float] | None = None,
+        polygon: Any | None = None,
+        bands: Sequence[float] = (),
+    ) -> Census:
+        """Count a region by class, height and metadata: `volatool.vola.census.census`."""
+        from volatool.vola.census import census
+
+        return census(self, box, z=z, polygon=polygon, bands=bands)
+
+    def neighbours(
+        self,
+        xyz: ArrayLike,
+        *,
+        connectivity: int = 26,
+        radius: float | None = None,
+        exact: bool = True,
+    ) -> I64:
+        """Count the voxels around points' cells: `volatool.vola.neighbours.count`."""
+        from volatool.vola.neighbours import count
+
+        return count(self, xyz, connectivity=connectivity, radius=radius, exact=exact)
+
+    def neighbour_error(self, connectivity: int = 26) -> NeighbourError:
+        """Measure what inside blocks is missed: `volatool.vola.neighbours.error_by_block`."""
+        from volatool.vola.neighbours import error_by_block
+
+        return error_by_block(self, connectivity)
 
     @cached_property
     def directory(self) -> Directory:
