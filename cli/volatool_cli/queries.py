@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from volatool.errors import OptionError
+from volatool.errors import CodedWarning, OptionError
 from volatool_cli import options
 
 if TYPE_CHECKING:
@@ -111,12 +111,18 @@ class Asked:
 
     def begin(self, arguments: dict[str, Any]) -> None:
         """Take ``--json`` and the message options out of the arguments, and read the volume."""
-        from volatool_cli.output import configure_logging, say_warnings
+        from volatool_cli.output import configure_logging
 
         self.as_json = arguments.pop("as_json")
         self._quiet = arguments.pop("quiet")
         configure_logging(self._quiet, arguments.pop("verbose"), arguments.pop("log"))
-        say_warnings(self.name, self.volume.info.warnings, self._quiet)
+        self.warn(self.volume.info.warnings)
+
+    def warn(self, warnings: Sequence[CodedWarning]) -> None:
+        """Print warnings on stderr."""
+        from volatool_cli.output import say_warnings
+
+        say_warnings(self.name, warnings, self._quiet)
 
     @cached_property
     def volume(self) -> Volume:
