@@ -70,6 +70,8 @@ def test_contains_in_one_pass_is_find_of_the_cells(depth, n) -> None:
     xyz[:500] = volume.centers()[rng.integers(0, len(volume), 500)]
     faces = volume.cube.corners(rng.integers(0, 4**depth + 1, (500, 3)).astype(np.int32), depth)
     xyz[500:1000] = faces + rng.choice([0, 1e-10, -1e-10], (500, 3))
+    xyz[1000:1004] = [[1e300] * 3, [-1e300] * 3, [np.nan, *xyz[0, 1:]], [*xyz[0, :2], np.inf]]
+    xyz[1004:1010] = xyz[0] + side * np.vstack([2**40 * np.eye(3), -(2**40) * np.eye(3)])
     xyz[:1000, 2] /= [1] * 500 + [float(volume.crs.z_ratio)] * 500
     found = volume.contains(xyz)
     assert found.tolist() == volume.contains_cells(volume.cell_indices(xyz)).tolist()

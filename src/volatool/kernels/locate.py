@@ -129,14 +129,13 @@ def _axis_cell(place, corner, side, size):
     """Cell of a coordinate, -1 outside; as `Volume.cell_indices` has it."""
     error = _ULPS * max(abs(place), abs(corner))
     away = place - corner
-    # & and not "and": without jumps, nothing is guessed wrong half of the time
-    is_inside = (away >= -error) & (away <= side + error) & (error < np.inf)
-    cell = np.int64(min(max(away + error, 0.0) * (size / side), size - 1.0))
-    return cell if is_inside else np.int64(-1)
+    if not (away >= -error and away <= side + error and error < np.inf):
+        return np.int64(-1)
+    return np.int64(min(max(away + error, 0.0) * (size / side), size - 1.0))
 
 
 @kernel
-def contains(directory, jump, jump_level, points, corner, side, z_ratio, depth, contained):
+def contains(directory, last, jump, jump_level, points, corner, side, z_ratio, depth, contained):
     """
     Tell which points fall into a voxel.
 
@@ -144,11 +143,13 @@ def contains(directory, jump, jump_level, points, corner, side, z_ratio, depth, 
     ----------
     directory : (n, 2) array of uint64
         The levels; the last row is an empty block whose children are itself.
+    last : (m + 1,) array of uint64
+        Words of the deepest level and a zero: half as many bytes as their rows.
     jump : (64**jump_level,) array of int
         Row of the block in each cell of level `jump_level`, the last row where there is none.
     jump_level : int
         Less than the depth.
-    points : (m, 3) array of float64
+    points : (k, 3) array of float64
         x, y, z; z in its own unit.
     corner : (3,) array of float64
         Of the cube.
@@ -158,28 +159,49 @@ def contains(directory, jump, jump_level, points, corner, side, z_ratio, depth, 
         Horizontal units a vertical unit.
     depth : int
         Number of levels.
-    contained : (m,) array of bool
+    contained : (k,) array of bool
         Set.
+
+    Notes
+    -----
+    Points well inside a cell take a short way to it, those within rounding error of a face (or
+    outside) the exact one. There is next to nothing for the processor to guess wrong: points that
+    are lost go on through the empty block.
     """
-    size = float(1 << (2 * depth))
+    size = 1 << (2 * depth)
+    scale = size / side
+    x0, y0, z0 = corner
+    # twice what the exact way may shift a place, in cells
+    error = 2.0 * _ULPS * (max(abs(x0), abs(y0), abs(z0)) + 2.0 * side) * scale
+    near = 0.5 - error
     lost = np.int64(directory.shape[0] - 1)
+    first = lost - (last.size - 1)
     wide = 2 * jump_level
     top = 2 * (depth - jump_level)
     for i in range(contained.size):
-        x = _axis_cell(points[i, 0], corner[0], side, size)
-        y = _axis_cell(points[i, 1], corner[1], side, size)
-        z = _axis_cell(points[i, 2] * z_ratio, corner[2], side, size)
-        if (x | y | z) < 0:
-            contained[i] = False
-            continue
-        cell = (x >> top) | ((y >> top) << wide) | ((z >> top) << (2 * wide))
-        row = np.int64(jump[cell])
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2] * z_ratio
+        tx, ty, tz = (px - x0) * scale, (py - y0) * scale, (pz - z0) * scale
+        # whatever becomes of NaN and numbers too large for an int64: they are not `near` it
+        x, y, z = np.int64(tx), np.int64(ty), np.int64(tz)
+        is_clear = (
+            (abs(tx - x - 0.5) < near)
+            & (abs(ty - y - 0.5) < near)
+            & (abs(tz - z - 0.5) < near)
+            & (np.uint64(x | y | z) < np.uint64(size))
+        )
+        if not is_clear:
+            x = _axis_cell(px, x0, side, float(size))
+            y = _axis_cell(py, y0, side, float(size))
+            z = _axis_cell(pz, z0, side, float(size))
+            if (x | y | z) < 0:
+                contained[i] = False
+                continue
+        row = np.int64(jump[(x >> top) | ((y >> top) << wide) | ((z >> top) << (2 * wide))])
         shift = top - 2
         while shift > 0:
-            # lost points go on through the empty block: cheaper than a jump guessed wrong
             word = directory[row, 0]
             flag = _ONE << np.uint64(bit_of(x, y, z, shift))
             child = np.int64(directory[row, 1]) + popcount(word & (flag - _ONE))
             row = child if word & flag else lost
             shift -= 2
-        contained[i] = (directory[row, 0] >> np.uint64(bit_of(x, y, z, 0))) & _ONE
+        contained[i] = (last[row - first] >> np.uint64(bit_of(x, y, z, 0))) & _ONE

@@ -24,6 +24,8 @@ class Directory:
     rows : (n + 1, 2) array of uint64
         A row a block, level after level from the root: its word and the row of its first child.
         The last row is nobody's: an empty block whose children are itself.
+    last : (m + 1,) array of uint64
+        Words of the deepest level and a zero, for look-ups of voxels alone.
     starts : tuple of int
         Row of the first block of each level, and the number of blocks: depth + 1 numbers.
     jump : (64**jump_level,) array of int32 or int64
@@ -34,6 +36,7 @@ class Directory:
     """
 
     rows: U64
+    last: U64
     starts: tuple[int, ...]
     jump: NDArray[np.int32 | np.int64]
     jump_level: int
@@ -72,7 +75,8 @@ class Directory:
         x, y, z = cells.T
         jump[x + ((y + (z << 2 * level)) << 2 * level)] = starts[level] + np.arange(len(cells))
         jump.flags.writeable = False
-        return cls(frozen(rows), tuple(starts.tolist()), jump, level)
+        last = np.append(levels[-1], np.uint64(0))
+        return cls(frozen(rows), frozen(last), tuple(starts.tolist()), jump, level)
 
     def find(self, cells: I64, level: int) -> I64:
         """

@@ -36,6 +36,7 @@ def contains(volume: Volume, xyz: ArrayLike) -> Bool:
     directory = volume.directory
     locate.contains(
         directory.rows,
+        directory.last,
         directory.jump,
         directory.jump_level,
         points,
