@@ -109,6 +109,19 @@ class LengthOrZeroType(Base):
             return Length.parse(value, or_zero=True)
         except OptionError as error:
             self.fail(str(error), param, ctx)
+class NumbersType(Base):
+    """Comma-separated numbers."""
+
+    name = "N,N,..."
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a tuple of float."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            return tuple(float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers, such as 0,2.5,10", param, ctx)
 
 
 class CodesType(Base):

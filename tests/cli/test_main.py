@@ -21,7 +21,7 @@ CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-check
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
-    "doctor", "export", "import", "index", "diff", "merge",
+    "doctor", "export", "import", "index", "diff", "merge", "query",
 ]  # fmt: skip
 
 
@@ -80,7 +80,7 @@ def test_the_examples_of_the_help_run(name, volatool):
         for suffix in (".dem.tif", ".dem.flag.tif"):
             (folder / f"town{suffix}").rename(folder / f"tile{suffix}")
         (folder / "checkpoints.csv").symlink_to(CHECKPOINTS)
-    if name in ("info", "validate", "stats", "dem", "export"):
+    if name in ("info", "validate", "stats", "dem", "export", "query"):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():
             made.unlink()
