@@ -19,6 +19,7 @@ PAGES = [
     "docs/how-to/uncertainty.md",
     "docs/how-to/check-accuracy.md",
     "docs/how-to/validate.md",
+    "docs/how-to/compare.md",
     "docs/how-to/export-3d.md",
     "docs/how-to/export.md",
     "docs/how-to/index.md",

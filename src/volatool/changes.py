@@ -97,7 +97,7 @@ def document(
     """
     a, b = difference.a, difference.b
     crs = a.crs if a.crs.horizontal is not None else b.crs
-    changes = difference.changes
+    changes, surface = difference.changes, difference.surface()
     added, removed = in_significant_blocks(difference)
     measure = functools.partial(_measured, difference)
     return {
@@ -138,6 +138,14 @@ def document(
             "significant": int(np.count_nonzero(changes.is_significant)),
             "added": measure(added),
             "removed": measure(removed),
+        },
+        "surface": {
+            "columns_both": surface.n_both,
+            "columns_added": surface.n_added,
+            "columns_removed": surface.n_removed,
+            "raised": measure(surface.raised),
+            "lowered": measure(surface.lowered),
+            "net": measure(surface.net),
         },
         "warnings": [warning.to_dict() for warning in warnings],
     }
@@ -304,7 +312,7 @@ def _collection(head: dict[str, Any], features: Iterator[str]) -> Iterator[str]:
 
 def text(summary: dict[str, Any]) -> str:
     """Return a `document` for people."""
-    grid, places = summary["grid"], summary["places"]
+    grid, places, surface = summary["grid"], summary["places"], summary["surface"]
     unit = grid["unit"] or "unit"
     lines = [
         f"A {summary['a']['name']}: {summary['a']['voxels']:,} voxels",
@@ -329,6 +337,10 @@ def text(summary: dict[str, Any]) -> str:
         f"{summary['options']['noise']}",
         f"in them {_amount(places['added'], unit)} added, "
         f"{_amount(places['removed'], unit)} removed",
+        "",
+        f"tops of {surface['columns_both']:,} columns of voxels in both: "
+        f"{_amount(surface['raised'], unit)} raised, {_amount(surface['lowered'], unit)} lowered, "
+        f"net {_amount(surface['net'], unit)}",
     ]
     return "\n".join(lines)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -13,7 +14,7 @@ from volatool.formats.registry import open_volume
 from volatool.naming import VOLUME_SUFFIXES
 from volatool.outputs import OutputSet, refuse_existing
 from volatool.reference import reference
-from volatool.vola.algebra import combine, unite
+from volatool.vola.algebra import OPERATIONS, combine, unite
 from volatool.vola.tiles import common_grid
 from volatool.vola.volume import Volume
 from volatool.volumes import place_of
@@ -40,8 +41,8 @@ class Merged:
 
 
 def merge_files(
-    paths: Sequence[Path],
-    output: Path,
+    paths: Sequence[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
     *,
     op: str = "or",
     resample: bool = False,
@@ -54,9 +55,9 @@ def merge_files(
 
     Parameters
     ----------
-    paths : sequence of pathlib.Path
+    paths : sequence of path
         VOLA files, at least one.
-    output : pathlib.Path
+    output : path
         ``.vol``, ``.vol.gz``, ``.dvol`` or ``.dvol.gz``, which says what is written.
     op : str
         Of `volatool.vola.algebra.OPERATIONS`: ``"or"`` of all; ``"and"``, ``"xor"`` one after the
@@ -81,13 +82,18 @@ def merge_files(
     InputError
         ``E_GRID``, ``E_CRS`` and what reading files may raise, with their names.
     """
-    kind = encoding_for(output)
-    refuse_input(output, [*paths, *([Path(cube_from)] if cube_from is not None else [])])
-    refuse_existing([output], overwrite)
+    if op not in OPERATIONS:
+        raise OptionError(f"no operation {op!r}; there are {', '.join(OPERATIONS)}")
+    inputs, target = [Path(path) for path in paths], Path(output)
+    if op != "or" and len(inputs) < 2:
+        raise OptionError(f"--op {op} is of two volumes or more, {len(inputs)} was named")
+    kind = encoding_for(target)
+    refuse_input(target, [*inputs, *([Path(cube_from)] if cube_from is not None else [])])
+    refuse_existing([target], overwrite)
     grid = None if cube_from is None else reference(cube_from)
-    volumes = [open_volume(path) for path in paths]
+    volumes = [open_volume(path) for path in inputs]
     if grid is not None:
-        for path, volume in zip(paths, volumes, strict=True):
+        for path, volume in zip(inputs, volumes, strict=True):
             grid.check_crs(volume.crs, path.name)
     try:
         common = common_grid(
@@ -97,7 +103,7 @@ def merge_files(
             resample=resample,
         )
     except VolatoolError as error:
-        names = f"{paths[0]} and others" if len(paths) > 2 else " and ".join(map(str, paths))
+        names = f"{inputs[0]} and others" if len(inputs) > 2 else " and ".join(map(str, inputs))
         raise type(error)(f"{names}: {error}", error.code) from error
     placed = common.volumes
     result = unite(placed) if op == "or" else reduce(lambda a, b: combine(a, b, op), placed)
@@ -107,13 +113,13 @@ def merge_files(
     warnings = [
         *(w for volume in volumes for w in volume.info.warnings),
         *common.warnings,
-        *_lost_metadata(volumes, result),
+        *_lost_metadata(volumes if op in ("or", "xor") else volumes[:1], result),
     ]
     with OutputSet(overwrite) as outputs:
-        with output_stream(outputs.add(output)) as stream:
+        with output_stream(outputs.add(target)) as stream:
             write_volume(stream, result, replace(kind, bits_per_voxel=1 + result.has_metadata))
         outputs.commit()
-    return Merged(output, result, tuple(warnings))
+    return Merged(target, result, tuple(warnings))
 
 
 def encoding_for(path: Path) -> Encoding:

@@ -59,6 +59,9 @@ def test_the_document_has_counts_and_volumes(epochs):
     places = document["places"]
     assert (places["changed"], places["significant"], places["edge"]) == (10, 9, 2.0)
     assert places["added"] == {"voxels": 480, "volume": 60.0, "volume_m3": 60.0}
+    surface = document["surface"]
+    assert (surface["columns_both"], surface["columns_added"]) == (1600, 0)
+    assert surface["raised"]["volume"] == 60.0 + 30 / 8  # and the bird
     assert document["grid"]["crs"]["horizontal"] == "EPSG:25832"
     assert run("may.vol.gz", "june.vol.gz").stdout == done.stdout
 
@@ -111,6 +114,20 @@ def test_geojson_in_the_volumes_crs_and_only_what_is_significant(epochs):
     ]  # fmt: skip
     assert first["properties"]["block"] == [0, 1, 1]
     assert all(feature["properties"]["significant"] for feature in collection["features"])
+
+
+def test_gdal_knows_where_it_is(epochs):
+    """Both forms, as QGIS opens them."""
+    pyogrio = pytest.importorskip("pyogrio")
+    x, y = lonlat(CRS, np.array([500000.0]), np.array([5400000.0]))
+    for options, crs, corner in (([], "EPSG:4326", (x[0], y[0])),
+                                 (["--keep-crs"], "EPSG:25832", (500000, 5400000))):  # fmt: skip
+        assert run("may.vol.gz", "june.vol.gz", "--format", "geojson", "-o", "x.geojson",
+                   "--overwrite", *options).exit_code == 0  # fmt: skip
+        info = pyogrio.read_info("x.geojson")
+        assert (info["crs"], info["features"], info["geometry_type"]) == (crs, 10, "Polygon")
+        low = np.array(info["total_bounds"][:2])
+        assert np.abs(low - corner).max() < (20 if "--keep-crs" in options else 20 / 70_000)
 
 
 def test_without_a_crs_coordinates_stay_and_it_is_told(tmp_path):

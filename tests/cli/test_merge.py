@@ -81,7 +81,12 @@ def test_operations(points):
     assert run("or.vol.gz", "--depth", 2, "-o", "two.vol.gz").exit_code == 0
     assert making.same(vt.open("two.vol.gz"), whole.truncated(2), metadata=False)
     done = run("all/p.vol.gz", "all/p.vol.gz", "--op", "sub", "-o", "none.vol.gz")
-    assert done.exit_code == 0  # a file named twice is one input: the first without nothing
+    assert done.exit_code == 0
+    assert len(vt.open("none.vol.gz")) == 0
+    done = run("all/p.vol.gz", "--op", "sub", "-o", "no.vol.gz")
+    assert (done.exit_code, done.stderr.split(":")[0]) == (2, "E_OPTION")
+    done = run("all/p.vol.gz", "all/p.vol.gz", "-o", "once.vol.gz")
+    assert vt.open("once.vol.gz").info.n_points == 4000
     done = run("west/p.vol.gz", "all/p.vol.gz", "--op", "sub", "-o", "nothing.vol.gz")
     assert done.exit_code == 0, done.stderr
     assert len(vt.open("nothing.vol.gz")) == 0

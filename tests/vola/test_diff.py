@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import volatool as vt
 from volatool.changes import significant_volume
 from volatool.cube import Cube
 from volatool.errors import InputError, OptionError
@@ -32,7 +33,7 @@ def dense_sets(depth):
     return st.sets(st.tuples(*[st.integers(0, high)] * 3), max_size=60)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.data(), st.integers(1, 3), st.integers(0, 4), st.sampled_from(["column", "block"]))
 def test_counts_and_places_are_those_of_the_twin(data, depth, noise, by):
     """Any depth, noise and places; neighbours across blocks, edges and corners."""
@@ -76,6 +77,33 @@ def test_spread_is_the_near_cells_of_another_block(word, x, y, z, reach):
     assert int(near.spread(np.uint64(word), x, y, z, reach)) == expected
 
 
+@settings(max_examples=40, deadline=None)
+@given(dense_sets(2), dense_sets(2), st.integers(0, 2))
+def test_tops_of_columns(one, other, noise):
+    """Raised and lowered beyond the noise, the net of all; columns of one volume only apart."""
+    found = diff(volume_of(one, 2), volume_of(other, 2), noise=noise).surface()
+    before, after = ({}, {})
+    for tops, voxels in ((before, one), (after, other)):
+        for x, y, z in voxels:
+            tops[x, y] = max(tops.get((x, y), 0), z)
+    moved = [after[column] - before[column] for column in before.keys() & after.keys()]
+    assert found.n_both == len(moved)
+    assert found.n_added == len(after.keys() - before.keys())
+    assert found.n_removed == len(before.keys() - after.keys())
+    assert found.raised == sum(step for step in moved if step > noise)
+    assert found.lowered == sum(-step for step in moved if step < -noise)
+    assert found.net == sum(moved)
+
+
+def test_few_blocks_in_a_deep_volume_need_no_table_of_all_places():
+    """4**9 x 4**9 columns of blocks: the places are those that there are."""
+    far = {(0, 0, 0), (4**10 - 1, 7, 4**10 - 1)}
+    found = diff(volume_of(far, 10), volume_of({(0, 0, 0), (1, 0, 0)}, 10), by="block")
+    assert found.changes.blocks.tolist() == [[0, 0, 0], [4**9 - 1, 1, 4**9 - 1]]
+    surface = found.surface()
+    assert (surface.n_both, surface.n_added, surface.n_removed) == (1, 1, 1)
+
+
 def plane(z):
     return {(x, y, z(x, y)) for x in range(48) for y in range(48)}
 
@@ -109,6 +137,8 @@ def test_a_new_house_gives_its_volume():
     assert list(in_significant_blocks(found)) == [len(house), 0]
     assert significant_volume(found) == volume == (b - a).volume()
     assert found.n_significant_added == 10 * 8 * 5  # the lowest layer touches the ground
+    surface = found.surface()
+    assert (surface.raised, surface.net, surface.lowered) == (480, 480, 0)
     back = diff(b, a)
     assert list(in_significant_blocks(back)) == [0, len(house)]
     low, high = found.corners(found.changes.blocks, 3)[:, :2], found.changes.last
@@ -159,3 +189,33 @@ def test_grids_and_options_are_checked():
                     {"by": "row"}):  # fmt: skip
         with pytest.raises(OptionError, match="must be"):
             diff(a, a, **options)
+
+
+def test_a_real_tile_against_scipy_and_numpy(shared, tmp_path):
+    """Every second point of a street in Delft: sets of keys, and a dilation of the dense grid."""
+    from scipy import ndimage
+
+    tile = shared / "tiles" / "ahn3_cropped_2.laz"
+    options = {"dem": False, "dense": "never", "depth": 4}
+    whole = vt.convert(tile, tmp_path, **options).paths[0]
+    halves = []
+    for bounds in ((84990, 0, 85045, 10**6), (85020, 0, 86000, 10**6)):
+        report = vt.convert(tile, tmp_path / str(bounds[0]), cube_from=whole, bounds=bounds,
+                            thin=2, dem=False, dense="never")  # fmt: skip
+        halves.append(vt.open(report.paths[0]))
+    a, b = halves
+    for result, operation in ((a | b, np.union1d), (a & b, np.intersect1d), (a ^ b, np.setxor1d),
+                              (a - b, np.setdiff1d)):  # fmt: skip
+        assert np.array_equal(result.keys(), operation(a.keys(), b.keys()))
+        assert len(result) > 1000
+    found = diff(a, b, noise=2)
+    grids = []
+    for volume in (a, b):
+        grid = np.zeros((256,) * 3, np.bool_)
+        grid[tuple(volume.voxels().T)] = True
+        grids.append(grid)
+    near = [ndimage.maximum_filter(grid.view(np.uint8), 5, mode="constant") > 0 for grid in grids]
+    one, other = grids
+    assert found.n_both == (one & other).sum()
+    assert found.n_significant_added == (other & ~near[0]).sum() > 0
+    assert found.n_significant_removed == (one & ~near[1]).sum() > 0

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from volatool.cube import Cube
-from volatool.errors import CRSError, InputError, ResourceError
+from volatool.errors import CRSError, InputError, OptionError, ResourceError
 from volatool.model import CrsInfo
 from volatool.vola.algebra import unite
 from volatool.vola.tiles import common_grid, lift
@@ -150,6 +150,8 @@ def test_too_many_levels_and_other_reference_systems_are_refused():
     )  # fmt: skip
     with pytest.raises(CRSError):
         common_grid([metres, feet])
+    with pytest.raises(OptionError, match="no volume"):
+        common_grid([])
     rounded = [tile((0, 0, 0), {(0, 0, 0)}, depth, info=VolumeInfo(quantizer="toolkit"))
                for depth in (2, 3)]  # fmt: skip
     with pytest.raises(InputError, match="2 and 3 levels"):

@@ -66,7 +66,10 @@ def merge(volumes: tuple[str, ...], output: str, **arguments: Any) -> None:
 
     quiet = arguments.pop("quiet")
     configure_logging(quiet, arguments.pop("verbose"), arguments.pop("log"))
-    paths = expand(volumes, (), (".vol.gz", ".vol"))
+    # each by itself: a file named twice takes part twice, so that A --op sub A is empty
+    paths = [path for name in volumes for path in expand([name], (), (".vol.gz", ".vol"))]
+    if arguments["op"] == "or":
+        paths = list(dict.fromkeys(paths))
     merged = merge_files(paths, Path(output), **arguments)
     say_warnings(merged.path.name, merged.warnings, quiet)
     click.echo(str(merged.path))

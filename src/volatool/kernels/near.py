@@ -8,7 +8,6 @@ from volatool.kernels._jit import kernel
 from volatool.kernels.contiguity import popcount
 
 _ONE = np.uint64(1)
-_CENTRE = 13  # of 3 x 3 x 3
 
 
 @kernel
@@ -137,6 +136,17 @@ def far_bits(bits, cells, neighbours, words, ranks, deepest, reach):
     far : (k,) array of uint64
     """
     far = np.empty(bits.size, np.uint64)
+    # only cells at a face, edge or corner can be near the block beyond it
+    border = np.empty(27, np.uint64)
+    order = np.empty(26, np.int64)  # faces, then edges, then corners: the likelier first
+    n_ordered = 0
+    for away in range(1, 4):
+        for k in range(27):
+            dx, dy, dz = k % 3 - 1, k // 3 % 3 - 1, k // 9 - 1
+            if abs(dx) + abs(dy) + abs(dz) == away:
+                border[k] = spread(~np.uint64(0), dx, dy, dz, reach)
+                order[n_ordered] = k
+                n_ordered += 1
     place = 0
     for i in range(cells.size):
         word = cells[i]
@@ -149,15 +159,12 @@ def far_bits(bits, cells, neighbours, words, ranks, deepest, reach):
                 own = _child_of(neighbours, i, words, ranks, x, y, z)
                 if own >= 0:
                     rest &= ~spread(deepest[own], 0, 0, 0, reach)
-            for k in range(27):
+            for k in order:
                 if not rest:
                     break
-                if k == _CENTRE:
+                if not rest & border[k]:
                     continue
                 dx, dy, dz = k % 3 - 1, k // 3 % 3 - 1, k // 9 - 1
-                # only cells at that face, edge or corner can be near
-                if not rest & spread(~np.uint64(0), dx, dy, dz, reach):
-                    continue
                 other = _child_of(neighbours, i, words, ranks, x + dx, y + dy, z + dz)
                 if other >= 0:
                     rest &= ~spread(deepest[other], dx, dy, dz, reach)

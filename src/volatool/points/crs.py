@@ -291,14 +291,16 @@ def difference(one: CrsInfo, other: CrsInfo) -> str | None:
     if one.z_ratio != other.z_ratio:
         units = [crs.unit_z or crs.unit_xy or "an unknown unit" for crs in (one, other)]
         return f"heights in {units[0]} and in {units[1]}"
-    if one.wkt2 is None or other.wkt2 is None or one.wkt2 == other.wkt2:
-        return None
     pairs = ((one.horizontal, other.horizontal), (one.vertical, other.vertical))
-    for i, names in enumerate(pairs):
-        if None in names or names[0] == names[1]:
+    for i, (name, another) in enumerate(pairs):
+        if name is None or another is None or name == another:
             continue
-        if not _are_equal(_part(one.wkt2, i), _part(other.wkt2, i)):
-            return f"{names[0]} and {names[1]}"
+        if one.wkt2 is None or other.wkt2 is None:  # a header alone: only codes can be compared
+            is_same = not (name.startswith("EPSG:") and another.startswith("EPSG:"))
+        else:
+            is_same = _are_equal(_part(one.wkt2, i), _part(other.wkt2, i))
+        if not is_same:
+            return f"{name} and {another}"
     return None
 
 

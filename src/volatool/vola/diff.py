@@ -8,15 +8,17 @@ from typing import Literal
 
 import numpy as np
 
+from volatool.cube import MAX_DEPTH
 from volatool.errors import OptionError
 from volatool.model import F64, I32, I64, U64, Bool
 from volatool.vola.algebra import Pairing, aligned, pairings
 from volatool.vola.grid import is_rounded, same_grid
-from volatool.vola.prune import SLABS
 from volatool.vola.volume import Volume
 
 MAX_NOISE = 4
 """Most voxels of noise: no farther than the neighbouring block."""
+
+_FEW = 1 << 20
 
 NOISE = 1
 MIN_VOXELS = 4
@@ -64,6 +66,30 @@ class Changes:
 
 
 @dataclass(frozen=True, slots=True)
+class SurfaceChange:
+    """
+    How the highest voxels of columns of voxels moved.
+
+    Parameters
+    ----------
+    n_both, n_added, n_removed : int
+        Columns of voxels that both volumes have, only the second, only the first.
+    raised, lowered : int
+        Layers by which the highest voxel of columns of both went up, and down, summed over those
+        that moved by more than the noise.
+    net : int
+        Layers up less layers down of all columns of both.
+    """
+
+    n_both: int
+    n_added: int
+    n_removed: int
+    raised: int
+    lowered: int
+    net: int
+
+
+@dataclass(frozen=True, slots=True)
 class Difference:
     """
     What changed from one volume to another.
@@ -95,6 +121,10 @@ class Difference:
     n_significant_added: int
     n_significant_removed: int
     changes: Changes
+
+    def surface(self) -> SurfaceChange:
+        """Compare the highest voxels of columns; worked out at each call."""
+        return _surface_change(self.a, self.b, list(pairings(self.a, self.b, "or")), self.noise)
 
     def corners(self, blocks: I32, level: int) -> F64:
         """
@@ -167,6 +197,8 @@ def diff(
     level = a.depth if level is None else level
     if not 1 <= level <= a.depth:
         raise OptionError(f"--level must be 1 to {a.depth}, the levels to compare, got {level}")
+    if by == "block" and level > MAX_DEPTH:  # numbers of blocks must fit 64 bits
+        raise OptionError(f"--by block goes to --level {MAX_DEPTH}, got {level}")
     from volatool.kernels import algebra as kernels
 
     steps = list(pairings(a, b, "or"))
@@ -177,9 +209,7 @@ def diff(
     n_added, n_removed = _count(added), _count(removed)
     far_added = _far(added, a, steps, noise, "a")
     far_removed = _far(removed, b, steps, noise, "b")
-    changed = np.flatnonzero(added | removed)
-    cells = _block_cells(steps)[changed]
-    found = [bits[changed] for bits in (added, removed, far_added, far_removed)]
+    found = [added, removed, far_added, far_removed]
     return Difference(
         a=a,
         b=b,
@@ -191,7 +221,7 @@ def diff(
         n_removed=n_removed,
         n_significant_added=_count(far_added),
         n_significant_removed=_count(far_removed),
-        changes=_changes(cells, found, a.depth, level, by, min_voxels),
+        changes=_changes(_block_cells(steps), found, a.depth, level, by, min_voxels),
     )
 
 
@@ -249,31 +279,22 @@ def _block_cells(steps: list[Pairing]) -> I32:
 def _changes(
     cells: I32, found: list[U64], depth: int, level: int, by: By, min_voxels: int
 ) -> Changes:
-    """Sum changed blocks of the last level by place."""
-    places = cells >> (2 * (depth - level))
-    if by == "column":
-        places = places.copy()
-        places[:, 2] = 0
-    x, y, z = places.T.astype(np.int64)
-    numbers = x | y << 20 | z << 40
-    order = np.argsort(numbers, kind="stable")
-    sorted_numbers = numbers[order]
-    starts = np.flatnonzero(np.diff(sorted_numbers, prepend=np.int64(-1)))
+    """Sum the blocks of the last level by place; those without a change are left out."""
+    from volatool.kernels.places import sum_places
 
-    def total(bits: U64) -> I64:
-        counts = np.bitwise_count(bits[order]).astype(np.int64)
-        return np.add.reduceat(counts, starts) if len(starts) else counts
-
-    added, removed, far_added, far_removed = map(total, found)
-    low, high = _layers(found[0] | found[1])
-    first, last = (4 * cells[:, 2].astype(np.int64) + digit for digit in (low, high))
-    if len(starts):
-        first = np.minimum.reduceat(first[order], starts)
-        last = np.maximum.reduceat(last[order], starts)
+    bits = 2 * (level - 1)
+    numbers, n_numbers, named = _numbers(cells, 2 * (depth - level), bits, by)
+    sums = sum_places(numbers, cells, *found, n_numbers)
+    held = np.flatnonzero(sums[:, 5] >= 0)
+    sums = sums[held]
+    held = held if named is None else named[held]
+    low = (1 << bits) - 1
+    blocks = np.column_stack([held & low, held >> bits & low, held >> 2 * bits])
+    added, removed, far_added, far_removed, first, last = sums.T
     return Changes(
         level=level,
         by=by,
-        blocks=places[order[starts]],
+        blocks=blocks.astype(np.int32),
         added=added,
         removed=removed,
         significant_added=far_added,
@@ -284,10 +305,29 @@ def _changes(
     )
 
 
-def _layers(words: U64) -> tuple[I64, I64]:
-    """Lowest and highest layer, 0 to 3, with a bit set."""
-    has = np.array([(words & SLABS[2, digit]) != 0 for digit in range(4)])
-    return np.argmax(has, axis=0), 3 - np.argmax(has[::-1], axis=0)
+def _numbers(cells: I32, shift: int, bits: int, by: By) -> tuple[I64, int, I64 | None]:
+    """Numbers of the places of blocks, how many there may be, and what they stand for."""
+    from volatool.kernels.places import place_numbers
+
+    numbers = place_numbers(cells, shift, bits, by == "column")
+    n_numbers = 1 << (2 if by == "column" else 3) * bits
+    if n_numbers <= _FEW + 4 * len(numbers):
+        return numbers, n_numbers, None
+    # a table of all places would be mostly empty
+    named, numbers = np.unique(numbers, return_inverse=True)
+    return numbers, len(named), named
+
+
+def _surface_change(a: Volume, b: Volume, steps: list[Pairing], noise: int) -> SurfaceChange:
+    from volatool.kernels.algebra import pair_words
+    from volatool.kernels.places import compare_tops, top_layers
+
+    cells, last = _block_cells(steps), steps[-1]
+    numbers, n_numbers, _ = _numbers(cells, 0, 2 * (a.depth - 1), "column")
+    pair = (a.levels[-1], b.levels[-1], last.blocks_a, last.blocks_b)
+    words = pair_words(*pair, 4), pair_words(pair[1], pair[0], pair[3], pair[2], 4)
+    tops = (top_layers(numbers, cells, one, n_numbers) for one in words)
+    return SurfaceChange(*compare_tops(*tops, noise).tolist())
 
 
 def in_significant_blocks(difference: Difference) -> Iterator[int]:

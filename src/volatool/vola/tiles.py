@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from volatool.cube import MAX_DEPTH, Cube
-from volatool.errors import CodedWarning, InputError, ResourceError
+from volatool.errors import CodedWarning, InputError, OptionError, ResourceError
 from volatool.model import U64
 from volatool.vola.grid import (
     SLACK,
@@ -88,6 +88,8 @@ def common_grid(
     ResourceError
         ``E_SIZE``: deeper than 10 levels.
     """
+    if not volumes:
+        raise OptionError("there is no volume to bring to a grid")
     for other in volumes[1:]:
         check_crs(volumes[0], other)
     if cube is not None and depth is not None:
