@@ -109,6 +109,8 @@ class LengthOrZeroType(Base):
             return Length.parse(value, or_zero=True)
         except OptionError as error:
             self.fail(str(error), param, ctx)
+
+
 class NumbersType(Base):
     """Comma-separated numbers."""
 

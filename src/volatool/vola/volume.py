@@ -21,12 +21,12 @@ from volatool.vola.info import VolumeInfo
 from volatool.vola.words import count_level, frozen, popcount
 
 if TYPE_CHECKING:
-    from volatool.vola.window import Window
     from volatool.vola.census import Census
     from volatool.vola.directory import Directory
     from volatool.vola.neighbours import NeighbourError
     from volatool.vola.rays import Hits, Sights
     from volatool.vola.regions import BoxCount, Column
+    from volatool.vola.window import Window
 
 __all__ = ["MAX_LEVELS", "Volume", "VolumeInfo", "count_level"]
 
