@@ -9,8 +9,12 @@ import volatool as vt
 
 pytestmark = pytest.mark.shared
 
-TILES = ["tiles/ahn3_cropped_1.laz", "tiles/4_6_crop.las"]
-"""Metres; metres with heights in US survey feet."""
+TILES = {
+    "metres": ("tiles/ahn3_cropped_1.laz", {}),
+    "US survey feet": ("tiles/4_6_crop.las", {}),
+    "heights in feet over metres": ("tiles/4_6_crop.las", {"crs": "EPSG:26913+6360"}),
+}
+"""File and options by what they are in."""
 
 BY_THEMSELVES = {
     "bt": {},
@@ -35,9 +39,12 @@ ON_THE_SAME_GRID = {
 def tile(request, shared, tmp_path_factory):
     """Volume of a real tile, four levels, and its path."""
     folder = tmp_path_factory.mktemp("tile")
-    report = vt.convert(shared / request.param, folder, dem=False, dense="never", depth=4)
+    name, options = TILES[request.param]
+    report = vt.convert(shared / name, folder, dem=False, dense="never", depth=4, **options)
     path = next(path for path in report.paths if path.name.endswith(".vol.gz"))
-    return path, vt.open(path)
+    volume = vt.open(path)
+    assert (volume.crs.z_ratio == 1) == (request.param != "heights in feet over metres")
+    return path, volume
 
 
 def back(path, folder, **options):
@@ -50,7 +57,7 @@ def back(path, folder, **options):
 
 @pytest.mark.parametrize("what", BY_THEMSELVES)
 def test_cube_depth_crs_and_voxels_come_back(tile, tmp_path, what):
-    path, volume = tile
+    _, volume = tile
     name = f"t.{what.split()[0]}"
     (made,) = vt.export_volume(volume, tmp_path / name, **BY_THEMSELVES[what]).paths
     found, report = back(made, tmp_path / "back")

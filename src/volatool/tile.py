@@ -254,9 +254,7 @@ def input_document(path: Path, source: Source, scan: Scan) -> dict[str, Any]:
 
 def _format_of(source: Source) -> dict[str, Any]:
     """Return what the report says of the file's format."""
-    from volatool.imports.source import ImportSource
-
-    if isinstance(source, ImportSource):
+    if source.format is not None:
         nothing = dict.fromkeys(("las_version", "point_format", "compressed"))
         return {**nothing, "format": source.format}
     header = source.header

@@ -26,7 +26,7 @@ def cells_of(triangles, depth):
     return set(map(tuple, room[: counts.sum()].tolist()))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(CORNERS)
 def test_touched_cells_are_those_of_the_naive_twin(corners):
     """Corners on faces, edges and corners of cells, points and lines too."""

@@ -100,6 +100,7 @@ def test_columns_that_make_no_sense_are_refused(tmp_path, columns, message):
         ("1 2 3\n\n4 nan 6\n", "line 3: coordinates 4.0, nan, 6.0", "E_BAD_COORDINATE"),
         ("# c\n1 2 3\n4 5 inf\n", "line 3: coordinates", "E_BAD_COORDINATE"),
         ("1 2\n", "2 columns; points need three", "E_NOT_IMPORT"),
+        ("x,y,z,i\n1,2,3\n", "line 2: 3 values, the header names 4", "E_CORRUPT"),
         ("hello world\n1 2 3\n", "line 1: 'hello world' is neither", "E_NOT_IMPORT"),
         ("x y\n1 2 3\n", "line 1: 'x y' is neither", "E_NOT_IMPORT"),
         ("# only a comment\n", "no line of numbers", "E_NOT_IMPORT"),

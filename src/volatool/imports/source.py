@@ -58,7 +58,7 @@ class ImportSource:
         self.points: ImportedPoints = read_points(path, options)
         if options.compat is not None:  # it takes the numbers as they are, whatever their range
             self.points.attributes = frozenset()
-        self.format = self.points.format
+        self.format: str | None = self.points.format
         self._swap = options.swap_yz and not self.points.is_final
         self.warnings: list[CodedWarning] = []
         self.crs: CrsInfo = self._crs(options)

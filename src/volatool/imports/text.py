@@ -118,6 +118,7 @@ def _layout(path: Path) -> Layout:
         )
     at = len(_BOM) if head.startswith(_BOM) else 0
     names: tuple[str, ...] | None = None
+    is_header = False
     number, text_lines = 0, head[at:].splitlines(keepends=True)
     if not is_all and len(text_lines) > 1:
         text_lines.pop()  # may be cut
@@ -132,6 +133,10 @@ def _layout(path: Path) -> Layout:
                 if len(words) == 1 and number == 1:
                     at += len(line)  # the count of a PTS file
                     continue
+                if is_header and names is not None and len(words) < len(names):
+                    raise FormatError(
+                        f"line {number}: {len(words)} values, the header names {len(names)}"
+                    )
                 return Layout(at, number, delimiter, len(words), _fitting(names, len(words)))
             if names is not None or _names(words) is None:
                 raise FormatError(
@@ -139,7 +144,7 @@ def _layout(path: Path) -> Layout:
                     "nor a header that names x, y and z",
                     "E_NOT_IMPORT",
                 )
-            names = _names(words)
+            names, is_header = _names(words), True
         at += len(line)
     raise FormatError(
         "has no line of numbers" + ("" if is_all else " near its start"), "E_NOT_IMPORT"
@@ -165,7 +170,7 @@ def _names(words: list[str]) -> tuple[str, ...] | None:
 
 
 def _fitting(names: tuple[str, ...] | None, n_columns: int) -> tuple[str, ...] | None:
-    """Return the names, unless they are more than there are columns."""
+    """Return the names, unless a comment has more than there are columns."""
     return names if names is not None and len(names) <= n_columns else None
 
 

@@ -61,10 +61,11 @@ class PointSource:
         Points that can be read, as far as it is known: the total for progress.
     is_partial : bool
         Points were lost (salvage only).
-    own_grid : None
-        Points of no grid.
+    format, own_grid : None
+        Of imported files only.
     """
 
+    format: str | None = None
     own_grid: tuple[Cube, int] | None = None
 
     def __init__(

@@ -51,7 +51,7 @@ class Reprojected:
 
     Attributes
     ----------
-    name, path, warnings, n_points, is_partial
+    name, path, format, warnings, n_points, is_partial
         Of the source.
     header : LasHeader
         With scale, offset and box in the new CRS.
@@ -73,7 +73,7 @@ class Reprojected:
 
     def __init__(self, source: Source, to: str) -> None:
         self._source = source
-        self.name, self.path = source.name, source.path
+        self.name, self.path, self.format = source.name, source.path, source.format
         if source.crs.wkt2 is None:
             raise CRSError(f"{self.name}: has no CRS to reproject from; give it by --crs")
         if to.strip().lower() == "utm":

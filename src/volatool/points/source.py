@@ -43,6 +43,8 @@ class Source(Protocol):
         Points that can be read, as far as it is known.
     is_partial : bool
         Points were lost (salvage only).
+    format : str or None
+        Name of an imported format; None of LAS, LAZ and COPC.
     own_grid : (Cube, int) or None
         Cube and depth whose voxels the points are the middles of (imported grids only).
     """
@@ -80,6 +82,11 @@ class Source(Protocol):
     @property
     def is_partial(self) -> bool:
         """Points were lost."""
+        ...
+
+    @property
+    def format(self) -> str | None:
+        """Name of an imported format; None of LAS, LAZ and COPC."""
         ...
 
     @property
