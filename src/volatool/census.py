@@ -53,20 +53,20 @@ class Census:
 
     def __init__(self, box: StoredBox, area_cell: tuple[int, int]) -> None:
         self.n_read = 0
-        self.n_used = 0
-        self.n_first = 0
         self.dropped: dict[str, int] = {}
-        self.box: StoredBox | None = None
-        self.box_used: StoredBox | None = None
         self._classes = np.zeros(256, np.int64)
-        self._returns = np.zeros(16, np.int64)
+        self._returns = np.zeros(256, np.int64)
         self._expected = box
+        self._low = np.array(box[:3], np.int64)
         self._shift = max(0, int(box[5] - box[2]).bit_length() - 12)
         self._heights = np.zeros((2, _HEIGHT_BINS), np.int64)
         self._area_cell = area_cell
         columns = (box[3] - box[0]) // area_cell[0] + 1
         rows = (box[4] - box[1]) // area_cell[1] + 1
         self._covered = np.zeros((rows, columns), np.bool_)
+        self._totals = np.zeros(2, np.int64)
+        far = np.iinfo(np.int64)
+        self._extremes = np.repeat([[far.max, far.min]] * 2, 3, axis=1)
 
     def add(self, chunk: PointChunk, mask: Bool | None) -> None:
         """
@@ -79,31 +79,49 @@ class Census:
         mask : (n,) array of bool or None
             Those that are used; None for all.
         """
-        if not len(chunk):
-            return
-        self.n_read += len(chunk)
-        self.box = _grown(self.box, chunk)
-        for name, counts in (("classification", self._classes), ("return_number", self._returns)):
-            if name in chunk.attributes:
-                counts += np.bincount(chunk.attributes[name], minlength=len(counts))
-        heights = self._height_counts(chunk)
-        self._heights[0] += heights
-        used = chunk if mask is None else chunk.take(mask)
-        if not len(used):
-            return
-        self.n_used += len(used)
-        self.box_used = _grown(self.box_used, used)
-        self._heights[1] += heights if mask is None else self._height_counts(used)
-        number = used.attributes.get("return_number")
-        self.n_first += len(used) if number is None else int(np.count_nonzero(number <= 1))
-        column = (used.x.astype(np.int64) - self._expected[0]) // self._area_cell[0]
-        row = (used.y.astype(np.int64) - self._expected[1]) // self._area_cell[1]
-        rows, columns = self._covered.shape
-        self._covered[np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)] = True
+        from volatool.kernels.census import count_points
 
-    def _height_counts(self, chunk: PointChunk) -> NDArray[np.int64]:
-        height = (chunk.z.astype(np.int64) - self._expected[2]) >> self._shift
-        return np.bincount(np.clip(height, 0, _HEIGHT_BINS - 1), minlength=_HEIGHT_BINS)
+        self.n_read += len(chunk)
+        stored = (np.ascontiguousarray(axis, np.int32) for axis in (chunk.x, chunk.y, chunk.z))
+        names = ("classification", "return_number")
+        codes, numbers = (
+            np.ascontiguousarray(chunk.attributes.get(name, ()), np.uint8) for name in names
+        )
+        count_points(
+            *stored,
+            np.ascontiguousarray(() if mask is None else mask, np.bool_),
+            codes,
+            numbers,
+            self._low,
+            np.array(self._area_cell, np.int64),
+            self._shift,
+            self._extremes,
+            self._classes,
+            self._returns,
+            self._heights,
+            self._covered,
+            self._totals,
+        )
+
+    @property
+    def n_used(self) -> int:
+        """Points that are used."""
+        return int(self._totals[0])
+
+    @property
+    def n_first(self) -> int:
+        """First returns among the points used, and those that don't tell."""
+        return int(self._totals[1])
+
+    @property
+    def box(self) -> StoredBox | None:
+        """Box of all points read."""
+        return _box(self._extremes[0]) if self.n_read else None
+
+    @property
+    def box_used(self) -> StoredBox | None:
+        """Box of the points used."""
+        return _box(self._extremes[1]) if self.n_used else None
 
     @property
     def classes(self) -> dict[str, int]:
@@ -188,15 +206,9 @@ class Census:
         }
 
 
-def _grown(box: StoredBox | None, chunk: PointChunk) -> StoredBox:
-    """Return a box grown to hold a chunk."""
-    axes = (chunk.x, chunk.y, chunk.z)
-    low = [int(axis.min()) for axis in axes]
-    high = [int(axis.max()) for axis in axes]
-    if box is not None:
-        low = [min(pair) for pair in zip(low, box[:3], strict=True)]
-        high = [max(pair) for pair in zip(high, box[3:], strict=True)]
-    return (low[0], low[1], low[2], high[0], high[1], high[2])
+def _box(extremes: NDArray[np.int64]) -> StoredBox:
+    x0, y0, z0, x1, y1, z1 = (int(value) for value in extremes)
+    return (x0, y0, z0, x1, y1, z1)
 
 
 def area_cell_for(

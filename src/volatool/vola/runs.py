@@ -26,6 +26,9 @@ PIECE_BYTES = 1 << 19
 
 _FAN_IN = 16
 
+_MOST_LOOSE = 1 << 22
+"""Keys of short runs that are sorted together at most."""
+
 
 class Runs:
     """
@@ -252,12 +255,86 @@ class KeyRuns(Runs):
         self._depth = depth
         self._on_growth = on_growth
         self._longest = 0
+        self._loose: list[Rows] = []
+        self._n_loose = self._n_joined = 0
 
     def _merge(self, left: Rows, right: Rows) -> Rows:
         from volatool.kernels import levels
 
         merged: U64 = levels.merge_keys(left, right)
         return merged
+
+    def push(self, rows: Rows) -> None:
+        """
+        Add a run.
+
+        Parameters
+        ----------
+        rows : (n,) array of uint64
+            Sorted, no key twice. Taken over: the caller must not change it.
+
+        Notes
+        -----
+        Short runs wait until they are a quarter of what is there, and are joined by one sort:
+        sorting is cheaper than merging them one by one.
+        """
+        if not len(rows):
+            return
+        if not self._scratch.take(_held_bytes(rows), self._share):
+            self._loosen()
+            super().push(rows)
+            return
+        self._loose.append(rows)
+        self._n_loose += len(rows)
+        if self._n_loose >= min(self._n_joined // 4, _MOST_LOOSE):
+            self._join()
+
+    def _join(self) -> None:
+        """Make one run of the short ones that wait."""
+        from volatool.kernels import levels
+
+        if not self._loose:
+            return
+        held = sum(map(_held_bytes, self._loose))
+        n_bytes = 8 * self._n_loose
+        if len(self._loose) > 1 and not self._scratch.take(n_bytes, self._share):
+            self._loosen()
+            return
+        if len(self._loose) > 1:
+            joined = np.concatenate(self._loose)
+            joined.sort()
+            n_distinct = int(levels.drop_repeats(joined))
+            rows = joined if n_distinct > len(joined) * 7 // 8 else joined[:n_distinct].copy()
+            rows = rows[:n_distinct]
+            held += n_bytes
+        else:
+            rows = self._loose[0]
+        self._loose, self._n_loose = [], 0
+        self._scratch.give(held)
+        self._n_joined += len(rows)
+        super().push(rows)
+
+    def _loosen(self) -> None:
+        """Hand the short runs on as they are: there is no memory to join them."""
+        self._stack += self._loose
+        self._loose, self._n_loose = [], 0
+
+    def stream(self) -> Iterator[Rows]:
+        """
+        Yield all rows in order, in pieces.
+
+        Yields
+        ------
+        rows : (n,) array of uint64
+            Sorted; no key twice in all pieces together. Not to be changed.
+        """
+        self._join()
+        return super().stream()
+
+    def close(self) -> None:
+        """Drop everything and give the memory back."""
+        self._loosen()
+        super().close()
 
     def _grown(self, rows: Rows) -> None:
         from volatool.kernels import levels
