@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,9 @@ from volatool.errors import FormatError, OptionError, ResourceError
 from volatool.model import F64, I32, I64, U64, Bool, Bounds, CrsInfo, LevelCounts
 from volatool.vola.info import VolumeInfo
 from volatool.vola.words import count_level, frozen, popcount
+
+if TYPE_CHECKING:
+    from volatool.vola.components import Components
 
 __all__ = ["MAX_LEVELS", "Volume", "VolumeInfo", "count_level"]
 
@@ -411,6 +415,27 @@ class Volume:
                 return values
         names = ", ".join(str(channel["name"]) for channel in self.info.channels) or "none"
         raise OptionError(f"no metadata channel {name!r}; known: {names}", "E_NO_METADATA")
+
+    def components(self, connectivity: int = 26, level: int | None = None) -> Components:
+        """
+        Find the connected components of a level's set cells, the largest first.
+
+        Parameters
+        ----------
+        connectivity : int
+            26: over faces, edges and corners. 6: over faces only.
+        level : int, optional
+            1 to `depth`; the deepest by default.
+
+        Returns
+        -------
+        components : Components
+            ``len()`` is their number; ``sizes``, ``boxes``, ``bounds``, and ``labels`` in the
+            order of `voxels`.
+        """
+        from volatool.vola.components import components
+
+        return components(self, connectivity, level)
 
     def counts(self) -> list[LevelCounts]:
         """Return the exact counts of each level, the root first."""
