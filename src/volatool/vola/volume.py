@@ -437,6 +437,28 @@ class Volume:
 
         return components(self, connectivity, level)
 
+    def clearance(self, xyz: ArrayLike, level: int | None = None, *, to: str = "box") -> F64:
+        """
+        Return the distance from each point to the nearest occupied cell.
+
+        Parameters
+        ----------
+        xyz : (n, 3) array of float
+            In units of the CRS (z in the vertical unit), inside the cube or not.
+        level : int, optional
+            1 to `depth`; the deepest by default.
+        to : {"box", "centre"}
+            To the cell's box, 0 inside; or to its middle.
+
+        Returns
+        -------
+        distances : (n,) array of float64
+            In the horizontal unit of the CRS; infinity when the volume is empty.
+        """
+        from volatool.vola.clearance import clearance
+
+        return clearance(self, xyz, level, to=to)
+
     def counts(self) -> list[LevelCounts]:
         """Return the exact counts of each level, the root first."""
         return [count_level(words) for words in self.levels]
