@@ -55,7 +55,7 @@ def allowed_cells(cells: set[Cell], size: int, clear: float) -> set[Cell]:
     return {
         cell
         for cell in itertools.product(range(size), repeat=3)
-        if cell not in cells and clearance(cells, [k + 0.5 for k in cell]) >= clear
+        if cell not in cells and (not clear or clearance(cells, [k + 0.5 for k in cell]) >= clear)
     }
 
 

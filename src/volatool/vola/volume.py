@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from volatool.vola.words import count_level, frozen, popcount
 
 if TYPE_CHECKING:
     from volatool.vola.components import Components
+    from volatool.vola.path import Path
 
 __all__ = ["MAX_LEVELS", "Volume", "VolumeInfo", "count_level"]
 
@@ -458,6 +459,39 @@ class Volume:
         from volatool.vola.clearance import clearance
 
         return clearance(self, xyz, level, to=to)
+
+    def path(
+        self, a: ArrayLike, b: ArrayLike, clearance: float = 0.0, **options: Any
+    ) -> Path | None:
+        """
+        Find a short way between two places through free space.
+
+        Parameters
+        ----------
+        a, b : (3,) array of float
+            The ends, in units of the CRS (z in the vertical unit).
+        clearance : float
+            Distance that the whole line keeps from occupied voxels' boxes, in the horizontal unit.
+        **options
+            ``level``, ``factor``, ``smooth``, ``max_cells``, as `volatool.vola.path.find_path`
+            has them.
+
+        Returns
+        -------
+        path : Path or None
+            ``points``, ``length``, ``clearance``, ...; None when there is no way.
+
+        Raises
+        ------
+        PathEndError
+            ``E_PATH_END``: an end is outside the cube, in a voxel, or nearer to one than
+            `clearance`.
+        ResourceError
+            ``E_SIZE``: undecided within ``max_cells``.
+        """
+        from volatool.vola.path import find_path
+
+        return find_path(self, a, b, clearance, **options)
 
     def counts(self) -> list[LevelCounts]:
         """Return the exact counts of each level, the root first."""
