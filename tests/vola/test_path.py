@@ -293,7 +293,7 @@ def test_a_path_says_what_is_proved_of_its_length():
     )
     ends = [20.5, 5.5, 5.5], [45.5, 5.5, 5.5]
     best = volume.path(*ends, factor=1.0)
-    short = volume.path(*ends, factor=1.0, max_cells=1 << 13)
+    short = volume.path(*ends, factor=1.0, max_cells=1 << 15)
     free = volume.path(*ends, factor=math.inf)
     assert best.factor == 1
     assert short.length == free.length >= best.length
