@@ -18,6 +18,8 @@ from volatool_cli.commands.dem import dem
 from volatool_cli.commands.doctor import doctor
 from volatool_cli.commands.emap import emap
 from volatool_cli.commands.info import info
+from volatool_cli.commands.query import query
+from volatool_cli.commands.query_space import SPACE_KINDS
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
@@ -75,8 +77,12 @@ def cli(ctx: click.Context) -> None:
         ctx.exit(ExitCode.USAGE)
 
 
-for command in (convert, stats, info, dem, check, classify, emap, validate, reproduce, doctor):
+for command in (
+    convert, stats, info, dem, check, classify, emap, validate, query, reproduce, doctor,
+):  # fmt: skip
     cli.add_command(command)
+for command in SPACE_KINDS:
+    query.add_command(command)
 
 
 def main() -> NoReturn:

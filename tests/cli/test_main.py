@@ -19,8 +19,8 @@ from volatool_cli.main import cli
 CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-checkpoints.csv"
 
 COMMANDS = [
-    "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
-    "doctor",
+    "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "query",
+    "reproduce", "doctor",
 ]  # fmt: skip
 
 
@@ -79,7 +79,7 @@ def test_the_examples_of_the_help_run(name, volatool):
         for suffix in (".dem.tif", ".dem.flag.tif"):
             (folder / f"town{suffix}").rename(folder / f"tile{suffix}")
         (folder / "checkpoints.csv").symlink_to(CHECKPOINTS)
-    if name in ("info", "validate", "stats", "dem"):
+    if name in ("info", "validate", "stats", "dem", "query"):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():
             made.unlink()
