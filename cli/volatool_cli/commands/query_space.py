@@ -163,8 +163,8 @@ def path(
 
     \b
     Examples:
-      volatool query tile.vol.gz path 6181050 2301050 4300 6181300 2301250 4300
-      volatool query tile.vol.gz path 6181050 2301050 4300 6181300 2301250 4300 --clearance 2m --json
+      volatool query tile.vol.gz path 6181050 2301050 4200 6181300 2301250 4050
+      volatool query tile.vol.gz path 6181050 2301050 4200 6181300 2301250 4100 --clearance 9ft
     """
     from volatool.vola.path import MAX_CELLS
 
