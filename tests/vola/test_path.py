@@ -71,7 +71,7 @@ def mazes(draw):
     return cells, a, b, rng
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(maze=mazes(), factor=st.sampled_from([1.0, 1.2, 1.5]), smooth=st.booleans())
 def test_a_path_is_found_exactly_when_there_is_one_and_within_the_factor(maze, factor, smooth):
     """Existence and length against Dijkstra; what is proved of the length is true."""
@@ -297,7 +297,7 @@ def test_a_path_says_what_is_proved_of_its_length():
     free = volume.path(*ends, factor=math.inf)
     assert best.factor == 1
     assert short.length == free.length >= best.length
-    assert short.factor == free.factor > 1
+    assert 1 < short.factor < free.factor
     assert best.length >= short.length / short.factor
     # twice from an end to the hole, by steps along axes and diagonals
     assert best.length <= 2 * (11 * math.sqrt(3) + 44 * math.sqrt(2)) + 1

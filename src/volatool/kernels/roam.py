@@ -71,7 +71,10 @@ def _is_passable(words, first, depth, square, level, x, y, z, known, verdicts, c
 
 
 @kernel
-def roam(words, first, depth, square, starts, start_lengths, goals, target, weight, room):
+def roam(
+    words, first, depth, square, starts, start_lengths, goals, origin, target, weight, finest,
+    near, room,
+):  # fmt: skip
     """
     Look for a way from some cells to others.
 
@@ -85,17 +88,21 @@ def roam(words, first, depth, square, starts, start_lengths, goals, target, weig
         Passable cells of the deepest level.
     start_lengths : (n,) array of float64
         What the way to each start costs.
-    target : (3,) array of float64
-        Where the search heads for.
+    origin, target : (3,) arrays of float64
+        Where the search comes from and heads for.
     weight : float
         How much more the distance to the target counts than the way behind.
+    finest : int
+        Deepest level of cells to go through, but for those near both ends.
+    near : float
+        How near that is.
     room : int
         Cells that may be looked at, a power of two.
 
     Returns
     -------
     status : int
-        `FOUND`, `EXHAUSTED` (there is no way) or `OUT_OF_ROOM`.
+        `FOUND`, `EXHAUSTED` (there is no way, over such cells) or `OUT_OF_ROOM`.
     cells : (m,) array of uint64
         Keys of the cells on the way (`openlist.packed`).
     entries : (m, 3) array of float64
@@ -148,10 +155,17 @@ def roam(words, first, depth, square, starts, start_lengths, goals, target, weig
         offer = heap[0]
         n_open = drop_first(heap, places, costs, lengths, n_open)
         level, x, y, z = unpacked(keys[offer])
+        deepest = finest
+        if finest < depth and (
+            _distance(entries[offer], origin) < near or _distance(entries[offer], target) < near
+        ):
+            deepest = depth
+        if level > deepest:
+            continue
         if not _is_passable(
             words, first, depth, square, level, x, y, z, known, verdicts, counts, stack, box
         ):
-            if level < depth:
+            if level < deepest:
                 axis, sign = faces[offer] % 3, 1 - 2 * (faces[offer] // 3)
                 side = 0 if sign > 0 else 3
                 for child in range(16):

@@ -29,6 +29,13 @@ ROUNDING = 1e-9
 """A distance counts as kept when it is short by no more than this part of it."""
 
 _LEAST_ROOM = 1 << 14
+_COARSER = 2
+"""Levels above the deepest at which the first, coarse plan stops going into detail."""
+
+_COARSE_ROOMS = 2
+_NEAR = 4
+"""Cells of that level about the ends within which it does not stop."""
+
 _HASTE = 1.5
 """Weight of the distance ahead in the plan: 1 looks at hundreds of times as many cells."""
 
@@ -167,6 +174,18 @@ def find_path(
 
 
 @dataclass(frozen=True, slots=True)
+class _End:
+    """An end, the passable cells to whose centres a line from it may go, and how long it is."""
+
+    place: F64
+    cells: I64
+    lengths: F64
+
+    def __len__(self) -> int:
+        return len(self.cells)
+
+
+@dataclass(frozen=True, slots=True)
 class _Space:
     """A level of a volume, and the distance to be kept in it, in cells."""
 
@@ -209,21 +228,17 @@ class _Space:
             )
         return np.asarray(place[0])
 
-    def links(self, place: F64) -> tuple[I64, F64]:
-        """
-        Return the cells to whose centres a line from an end may go, and how long it is.
-
-        The cell's own if possible, else those around.
-        """
+    def linked(self, place: F64) -> _End:
+        """Return an end with the cells that it is linked to: its own if possible, else others."""
         own = np.minimum(place.astype(np.int64), self.lattice.size - 1)[None]
-        cells, lengths = self._clear_links(place, own, 0.0)
-        if len(cells):
-            return cells, lengths
+        end = self._clear_links(place, own, 0.0)
+        if len(end):
+            return end
         around = own + _AROUND
         inside = ((around >= 0) & (around < self.lattice.size)).all(axis=1)
         return self._clear_links(place, around[inside], ROUNDING)
 
-    def _clear_links(self, place: F64, cells: I64, more_than: float) -> tuple[I64, F64]:
+    def _clear_links(self, place: F64, cells: I64, more_than: float) -> _End:
         from volatool.kernels.roam import all_keep_clear
 
         tree = self.tree
@@ -233,7 +248,7 @@ class _Space:
         from_here = np.broadcast_to(place, centres.shape).copy()
         line_clear = segment_clearance(tree, from_here, centres) >= max(self.least, more_than)
         lengths: F64 = np.sqrt(((centres - place) ** 2).sum(axis=1))
-        return cells[good][line_clear], lengths[line_clear]
+        return _End(place, cells[good][line_clear], lengths[line_clear])
 
 
 @dataclass(slots=True)
@@ -253,17 +268,17 @@ class _Search:
         line = np.stack([self.start, self.goal])
         if self.smooth and self._is_clear(line):
             return self._result(line, math.dist(self.start, self.goal), {})
-        starts, goals = self.space.links(self.start), self.space.links(self.goal)
-        if not len(starts[0]) or not len(goals[0]):
+        start, goal = self.space.linked(self.start), self.space.linked(self.goal)
+        if not len(start) or not len(goal):
             return None
-        planned = self._plan(starts, goals)
+        planned = self._plan(start, goal)
         if planned is None:
             return None
         line, plan = planned
         line = self._pulled(line)
-        bound = _least_length(starts, goals)
+        bound = _least_length(start, goal)
         if length_of(line) > self.factor * bound:
-            shorter, proved = self._shorter(starts, goals, length_of(line))
+            shorter, proved = self._shorter(start, goal, length_of(line))
             bound = max(bound, proved)
             if shorter is not None:
                 shorter = self._pulled(shorter)
@@ -301,45 +316,58 @@ class _Search:
         rooms = [_LEAST_ROOM << 3 * k for k in range(20)]
         return [*(room for room in rooms if room < most), most]
 
-    def _plan(
-        self, starts: tuple[I64, F64], goals: tuple[I64, F64]
-    ) -> tuple[F64, dict[int, int]] | None:
+    def _plan(self, start: _End, goal: _End) -> tuple[F64, dict[int, int]] | None:
         """
         Return a line over the largest passable cells and their number by level.
 
-        From both ends in turn: a pocket that one of them is in is soon exhausted.
+        First without going into detail away from the ends. What that does not find is looked for
+        in full, from both ends in turn: a pocket that one of them is in is soon exhausted.
         """
         from volatool.kernels import roam
 
-        tree, square = self.space.tree, self.space.usual**2
-        for room in self._rooms():
-            for here, there, target in ((starts, goals, self.goal), (goals, starts, self.start)):
-                status, keys, entries, looked_at = roam.roam(
-                    tree.words, tree.first, tree.depth, square, *here, there[0], target,
-                    _HASTE, room,
-                )  # fmt: skip
-                self.looked_at += looked_at
+        depth = self.space.tree.depth
+        rooms = self._rooms()
+        for finest in range(max(depth - _COARSER, 1), depth):
+            for room in rooms[:_COARSE_ROOMS]:
+                status, planned = self._roam(start, goal, finest, room)
+                if planned is not None:
+                    return planned
                 if status == roam.EXHAUSTED:
-                    return None
-                if status == roam.FOUND:
-                    cells = _unpacked(keys)
-                    line = _line(cells, entries, there, tree.depth)
-                    if here is goals:
-                        line = line[::-1]
-                    counts = Counter(cells[:, 0].tolist())
-                    return (
-                        _without_repeats(np.vstack([self.start, line, self.goal])),
-                        {level: counts[level] for level in sorted(counts)},
-                    )
+                    break
+        for room in rooms:
+            status, planned = self._roam(start, goal, depth, room)
+            if status != roam.OUT_OF_ROOM:
+                return planned
+            status, planned = self._roam(goal, start, depth, room)
+            if status != roam.OUT_OF_ROOM:
+                return None if planned is None else (planned[0][::-1], planned[1])
         raise ResourceError(
             f"no path was found by looking at {room} cells, nor that there is none: allow more "
             "cells, or give a coarser level",
             "E_SIZE",
         )
 
-    def _shorter(
-        self, starts: tuple[I64, F64], goals: tuple[I64, F64], length: float
-    ) -> tuple[F64 | None, float]:
+    def _roam(
+        self, start: _End, goal: _End, finest: int, room: int
+    ) -> tuple[int, tuple[F64, dict[int, int]] | None]:
+        """Search once; return how it ended, and the line and its cells by level."""
+        from volatool.kernels import roam
+
+        tree = self.space.tree
+        near = float(_NEAR * 4 ** (tree.depth - finest))
+        status, keys, entries, looked_at = roam.roam(
+            tree.words, tree.first, tree.depth, self.space.usual**2, start.cells,
+            start.lengths, goal.cells, start.place, goal.place, _HASTE, finest, near, room,
+        )  # fmt: skip
+        self.looked_at += looked_at
+        if status != roam.FOUND:
+            return status, None
+        cells = _unpacked(keys)
+        line = np.vstack([start.place, _line(cells, entries, goal, tree.depth), goal.place])
+        counts = Counter(cells[:, 0].tolist())
+        return status, (_without_repeats(line), {level: counts[level] for level in sorted(counts)})
+
+    def _shorter(self, start: _End, goal: _End, length: float) -> tuple[F64 | None, float]:
         """Return a line within the factor if there may be one, and what no way is shorter than."""
         from volatool.kernels import gridpath, roam
 
@@ -347,8 +375,8 @@ class _Search:
         proved = 0.0
         for room in self._rooms():
             status, cells, _, least = gridpath.walk(
-                tree.words, tree.first, tree.depth, square, *starts, *goals,
-                float(self.factor), length / self.factor, room,
+                tree.words, tree.first, tree.depth, square, start.cells, start.lengths,
+                goal.cells, goal.lengths, float(self.factor), length / self.factor, room,
             )  # fmt: skip
             proved = max(proved, least)
             if status == roam.EXHAUSTED:
@@ -360,12 +388,12 @@ class _Search:
         return None, proved
 
 
-def _least_length(starts: tuple[I64, F64], goals: tuple[I64, F64]) -> float:
+def _least_length(start: _End, goal: _End) -> float:
     """Return the length of the shortest way if nothing were in it."""
-    steps = np.sort(np.abs(starts[0][:, None] - goals[0][None]), axis=2)
+    steps = np.sort(np.abs(start.cells[:, None] - goal.cells[None]), axis=2)
     low, middle, high = steps[..., 0], steps[..., 1], steps[..., 2]
     lengths = math.sqrt(3) * low + math.sqrt(2) * (middle - low) + (high - middle)
-    return float((lengths + starts[1][:, None] + goals[1]).min())
+    return float((lengths + start.lengths[:, None] + goal.lengths).min())
 
 
 def _unpacked(keys: Any) -> I64:
@@ -376,7 +404,7 @@ def _unpacked(keys: Any) -> I64:
     return cells
 
 
-def _line(cells: I64, entries: F64, goals: tuple[I64, F64], depth: int) -> F64:
+def _line(cells: I64, entries: F64, goal: _End, depth: int) -> F64:
     """Return the corners of a line: where each cell is entered and left, and the last goal."""
     spans = 4 ** (depth - cells[:, :1])
     low, high = cells[:, 1:] * spans, (cells[:, 1:] + 1) * spans
@@ -385,9 +413,9 @@ def _line(cells: I64, entries: F64, goals: tuple[I64, F64], depth: int) -> F64:
     exits = entries[1:] - ahead
     line = np.empty((2 * len(cells) - 1, 3))
     line[::2], line[1::2] = entries, exits
-    centres = goals[0] + 0.5
+    centres = goal.cells + 0.5
     inside = ((centres > low[-1]) & (centres < high[-1])).all(axis=1)
-    rest = goals[1] + np.sqrt(((centres - entries[-1]) ** 2).sum(axis=1))
+    rest = goal.lengths + np.sqrt(((centres - entries[-1]) ** 2).sum(axis=1))
     return np.vstack([line, centres[np.argmin(np.where(inside, rest, np.inf))]])
 
 
