@@ -16,6 +16,9 @@ _HIGH = (
 )
 _X0, _Y0, _Z0 = _LOW
 _X3, _Y3, _Z3 = _HIGH
+_SLOTS = np.uint64(15)
+_LOWEST = np.array([0, 0, 1, 0, 2, 0, 1, 0, 3, 0, 1, 0, 2, 0, 1, 0])
+_HIGHEST = np.array([0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3, 3])
 _U1, _U2, _U4, _U8, _U16, _U32 = (np.uint64(1 << i) for i in range(6))
 
 
@@ -118,18 +121,47 @@ def _unite(parents, i, j):
 
 
 @kernel
-def _handed_over(word, mask, shift, dx, dy, dz, is_26):
-    """Cells of the block in direction (dx, dy, dz) that touch a set cell of this one."""
+def _handed_over(word, mask, shift, ways, is_26):
+    """Cells of a neighbouring block that touch a set cell of this one."""
     word &= mask
     word = word << np.uint64(shift) if shift >= 0 else word >> np.uint64(-shift)
     if is_26 and word:
-        if dx == 0:
+        if ways & 1:
             word = _along_x(word)
-        if dy == 0:
+        if ways & 2:
             word = _along_y(word)
-        if dz == 0:
+        if ways & 4:
             word = _along_z(word)
     return word
+
+
+@kernel
+def _directions(is_26):
+    """
+    Return the upper half of the directions to neighbouring blocks.
+
+    A row each: dx, dy, dz, by how much bits shift, and the axes along which cells spread (x 1,
+    y 2, z 4); and which cells are at that side.
+    """
+    rows, sides = np.empty((13, 5), np.int64), np.empty(13, np.uint64)
+    n = 0
+    for direction in range(14, 27):
+        dx, dy, dz = direction % 3 - 1, (direction // 3) % 3 - 1, direction // 9 - 1
+        if not is_26 and abs(dx) + abs(dy) + abs(dz) > 1:
+            continue
+        side = ~np.uint64(0)
+        if dx:
+            side &= _X3 if dx > 0 else _X0
+        if dy:
+            side &= _Y3 if dy > 0 else _Y0
+        if dz:
+            side &= _Z3
+        ways = (dx == 0) + 2 * (dy == 0) + 4 * (dz == 0)
+        rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = dx, dy, dz, -(3 * dx + 12 * dy + 48 * dz)
+        rows[n, 4] = ways
+        sides[n] = side
+        n += 1
+    return rows[:n], sides[:n]
 
 
 @kernel
@@ -176,6 +208,7 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
     rest = np.zeros(height, np.uint64)
     around[0, 13] = 0
     rest[0] = upper[0]
+    directions, sides = _directions(is_26)
     level = 0
     while level >= 0:
         word = rest[level]
@@ -197,38 +230,35 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
             continue
         here = _child(upper, first, around[level], bit, 0, 0, 0) - upper.size
         _unite_with_next(
-            upper, first, around[level], bit, here, leaves, starts, masks, is_26, parents
-        )
+            upper, first, around[level], bit, here, leaves, starts, masks, is_26, directions, sides,
+            parents,
+        )  # fmt: skip
 
 
 @kernel
-def _unite_with_next(upper, first, around, bit, here, leaves, starts, masks, is_26, parents):
+def _unite_with_next(
+    upper, first, around, bit, here, leaves, starts, masks, is_26, directions, sides, parents
+):
     """Join one block with its neighbours in the upper half of all directions."""
     own = leaves[here]
-    for direction in range(14, 27):
-        dx, dy, dz = direction % 3 - 1, (direction // 3) % 3 - 1, direction // 9 - 1
-        if not is_26 and abs(dx) + abs(dy) + abs(dz) > 1:
+    for k in range(sides.size):
+        if not own & sides[k]:
             continue
-        mask = ~np.uint64(0)
-        if dx:
-            mask &= _X3 if dx > 0 else _X0
-        if dy:
-            mask &= _Y3 if dy > 0 else _Y0
-        if dz:
-            mask &= _Z3
-        if not own & mask:
-            continue
-        there = _child(upper, first, around, bit, dx, dy, dz) - upper.size
+        there = _child(
+            upper, first, around, bit, directions[k, 0], directions[k, 1], directions[k, 2]
+        )
         if there < 0:
             continue
-        shift = -(3 * dx + 12 * dy + 48 * dz)
-        if not _handed_over(own, mask, shift, dx, dy, dz, is_26) & leaves[there]:
+        there -= upper.size
+        side, shift, ways = sides[k], directions[k, 3], directions[k, 4]
+        if not _handed_over(own, side, shift, ways, is_26) & leaves[there]:
             continue
         for i in range(starts[here], starts[here + 1]):
-            reached = _handed_over(masks[i], mask, shift, dx, dy, dz, is_26)
-            for j in range(starts[there], starts[there + 1]):
-                if reached & masks[j]:
-                    _unite(parents, i, j)
+            reached = _handed_over(masks[i], side, shift, ways, is_26)
+            if reached:
+                for j in range(starts[there], starts[there + 1]):
+                    if reached & masks[j]:
+                        _unite(parents, i, j)
 
 
 @kernel
@@ -281,27 +311,23 @@ def measure(starts, masks, numbers, blocks, sizes, boxes):
             mask = masks[part]
             k = numbers[part]
             sizes[k] += popcount(mask)
-            xs = mask | (mask >> _U32)
-            xs |= xs >> _U16
-            ys = xs
-            xs |= xs >> _U8
-            xs |= xs >> _U4
-            for axis in range(3):
-                low = high = -1
-                for slot in range(4):
-                    if axis == 0:
-                        is_in = (xs >> np.uint64(slot)) & _U1
-                    elif axis == 1:
-                        is_in = (ys >> np.uint64(4 * slot)) & np.uint64(15)
-                    else:
-                        is_in = (mask >> np.uint64(16 * slot)) & _Z0
-                    if is_in:
-                        high = slot
-                        if low < 0:
-                            low = slot
+            # which of the four slots of each axis are in use, as four bits
+            plane = mask | (mask >> _U32)
+            plane |= plane >> _U16
+            x = plane | (plane >> _U8)
+            x = (x | (x >> _U4)) & _SLOTS
+            y = plane | (plane >> _U1)
+            y = (y | (y >> _U2)) & np.uint64(0x1111)
+            y = (y | (y >> np.uint64(3)) | (y >> np.uint64(6)) | (y >> np.uint64(9))) & _SLOTS
+            z = np.uint64(0)
+            for slot in range(4):
+                if (mask >> np.uint64(16 * slot)) & _Z0:
+                    z |= _ONE << np.uint64(slot)
+            for axis, slots in enumerate((x, y, z)):
                 corner = 4 * blocks[block, axis]
-                boxes[k, axis] = min(boxes[k, axis], corner + low)
-                boxes[k, 3 + axis] = max(boxes[k, 3 + axis], corner + high)
+                low, high = corner + _LOWEST[slots], corner + _HIGHEST[slots]
+                boxes[k, axis] = min(boxes[k, axis], low)
+                boxes[k, 3 + axis] = max(boxes[k, 3 + axis], high)
 
 
 @kernel
