@@ -125,12 +125,13 @@ def test_the_search_over_cells_finds_dijkstras_length(maze):
     best = naive.shortest(naive.allowed_cells(cells, 16, 0), {a: 0.5}, {b: 0.25})
     ends = (np.array([a]), np.array([0.5]), np.array([b]), np.array([0.25]))
     nodes = (tree.words, tree.first, tree.depth, 0.25)
-    status, way, goal, least = gridpath.walk(*nodes, *ends, 1.0, np.inf, 1 << 14)
+    status, way, looked_at, least = gridpath.walk(*nodes, *ends, 1.0, np.inf, 1 << 14)
     assert (status == roam.FOUND) == math.isfinite(best)
     if status != roam.FOUND:
         assert status == roam.EXHAUSTED
         return
-    assert (tuple(way[0]), tuple(way[-1]), goal) == (a, b, 0)
+    assert (tuple(way[0]), tuple(way[-1])) == (a, b)
+    assert len(way) <= looked_at <= 4096 - len(cells)
     np.testing.assert_allclose(length_of(way + 0.5) + 0.75, best, rtol=1e-12)
     np.testing.assert_allclose(least, best, rtol=1e-12)
     assert np.abs(np.diff(way, axis=0)).max(initial=0) <= 1
@@ -250,6 +251,22 @@ def test_ends_whose_own_cell_is_too_near_go_to_a_neighbouring_centre():
         hold(volume.path(a, b, 1.8, smooth=smooth), volume, a, b, 1.8)
     same = volume.path(a, a, 1.8)
     assert (same.length, len(same.points)) == (0, 2)
+
+
+def test_ends_on_the_faces_of_voxels_and_of_the_cube():
+    """A place on a face belongs to the cell above: its other side may be a voxel, or nothing."""
+    volume = unit_volume([(6, 7, 7), (8, 7, 7)])
+    on_face = [7.0, 7.5, 7.5]  # of (6, 7, 7) and (7, 7, 7)
+    for ends in ((on_face, [16.0, 16, 16]), ([0.0, 0, 0], on_face)):
+        path = volume.path(*ends)
+        assert path.points[[0, -1]].tolist() == [list(end) for end in ends]
+        assert path.clearance == 0
+        assert path.length < 1.2 * math.dist(*ends)
+    # a rounding error below the face of a voxel
+    below = [np.nextafter(7.0, 0), 7.5, 7.5]
+    assert volume.path(below, [0, 0, 0]).clearance == 0
+    with pytest.raises(PathEndError, match="occupied"):
+        volume.path([8.0, 7.5, 7.5], [0, 0, 0])
 
 
 def test_options_that_make_no_sense_are_refused():

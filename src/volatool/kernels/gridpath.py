@@ -116,10 +116,15 @@ def walk(
         `FOUND`, `EXHAUSTED` (no way is shorter than the bound) or `OUT_OF_ROOM`.
     cells : (m, 3) array of int64
         The way.
-    goal : int
-        The goal that it ends at.
+    looked_at : int
+        Cells that were taken in.
     least : float
         No way is shorter than this.
+
+    Notes
+    -----
+    A* [Hart1968]_; with a weight [Pohl1970]_ cells are reopened when a shorter way to them is
+    found, so that the way is at most `weight` times as long as the shortest.
     """
     slots = np.full(2 * room, FREE_SLOT, np.uint64)
     slot_nodes = np.empty(2 * room, np.int64)
@@ -143,21 +148,21 @@ def walk(
             places, n_nodes, n_open,
         )  # fmt: skip
     # a way's end, with what follows the goal: open until nothing can be shorter
-    end, end_goal, end_length = np.int64(-1), np.int64(-1), np.inf
+    end, end_length = np.int64(-1), np.inf
     while n_open:
         node = heap[0]
         if end_length <= costs[node]:
             break
         if n_nodes + 26 >= room or n_blocks + 8 >= room:
             least = min(costs[node] / weight, bound)
-            return OUT_OF_ROOM, nothing, end_goal, least
+            return OUT_OF_ROOM, nothing, n_nodes, least
         n_open = drop_first(heap, places, costs, lengths, n_open)
         _, x, y, z = unpacked(keys[node])
         for i in range(goals.shape[0]):
             if x == goals[i, 0] and y == goals[i, 1] and z == goals[i, 2]:
                 length = lengths[node] + goal_lengths[i]
                 if length < end_length and length < bound:
-                    end, end_goal, end_length = node, i, length
+                    end, end_length = node, length
         about = np.int64(0)
         last = FREE_SLOT
         word = np.uint64(0)
@@ -188,7 +193,7 @@ def walk(
                 slots, slot_nodes, keys, lengths, costs, parents, heap, places, n_nodes, n_open,
             )  # fmt: skip
     if end < 0:
-        return EXHAUSTED, nothing, end_goal, bound
+        return EXHAUSTED, nothing, n_nodes, bound
     least = min(end_length / weight, bound)
     m = 0
     at = end
@@ -201,7 +206,7 @@ def walk(
         _, x, y, z = unpacked(keys[at])
         cells[k, 0], cells[k, 1], cells[k, 2] = x, y, z
         at = parents[at]
-    return FOUND, cells, end_goal, least
+    return FOUND, cells, n_nodes, least
 
 
 @kernel

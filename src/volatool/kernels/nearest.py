@@ -43,8 +43,8 @@ def nearest(words, first, depth, points, inset, squares):
 
     Notes
     -----
-    The children of a node are visited nearest first, and left out once they are no nearer than
-    what was found.
+    Branch and bound [Roussopoulos1995]_: the children of a node are visited nearest first, and
+    left out once they are no nearer than what was found.
     """
     bounds = np.empty((depth, 64))
     bits = np.empty((depth, 64), np.int64)

@@ -112,9 +112,9 @@ def roam(
 
     Notes
     -----
-    The open list holds offers: a cell behind a face of one that was reached. An offer that is not
-    passable as a whole makes way for its 16 children at that face when its turn comes, so that
-    only the faces near the way are ever looked at closely.
+    A* [Hart1968]_ with a weight [Pohl1970]_. The open list holds offers: a cell behind a face of
+    one that was reached. An offer that is not passable as a whole makes way for its 16 children at
+    that face when its turn comes, so that only the faces near the way are ever looked at closely.
     """
     known = np.full(2 * room, FREE_SLOT, np.uint64)
     verdicts = np.zeros(2 * room, np.uint8)

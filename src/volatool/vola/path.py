@@ -174,6 +174,14 @@ def find_path(
 
 
 @dataclass(frozen=True, slots=True)
+class _Place:
+    """An end in lattice coordinates, and the (1, 3) indices of its cell."""
+
+    place: F64
+    cell: I64
+
+
+@dataclass(frozen=True, slots=True)
 class _End:
     """An end, the passable cells to whose centres a line from it may go, and how long it is."""
 
@@ -207,8 +215,8 @@ class _Space:
         """Distance that a passable cell's centre keeps: every free cell's has half a cell."""
         return max(self.least, 0.5)
 
-    def end(self, point: ArrayLike, name: str) -> F64:
-        """Return an end in lattice coordinates, if a path may have it."""
+    def end(self, point: ArrayLike, name: str) -> _Place:
+        """Return an end in lattice coordinates and its cell, if a path may have it."""
         xyz = np.asarray(point, np.float64)
         if xyz.shape != (3,):
             raise OptionError(f"the {name} is three numbers, not of shape {xyz.shape}")
@@ -226,14 +234,15 @@ class _Space:
                 f"{name} too near: a voxel is {distance * self.lattice.step:g} away, less than "
                 f"{self.clearance:g}"
             )
-        return np.asarray(place[0])
+        return _Place(place[0], cell)
 
-    def linked(self, place: F64) -> _End:
+    def linked(self, end: _Place) -> _End:
         """Return an end with the cells that it is linked to: its own if possible, else others."""
-        own = np.minimum(place.astype(np.int64), self.lattice.size - 1)[None]
-        end = self._clear_links(place, own, 0.0)
-        if len(end):
-            return end
+        # not the cell of the coordinates: a place on a face has two
+        place, own = end.place, end.cell
+        linked = self._clear_links(place, own, 0.0)
+        if len(linked):
+            return linked
         around = own + _AROUND
         inside = ((around >= 0) & (around < self.lattice.size)).all(axis=1)
         return self._clear_links(place, around[inside], ROUNDING)
@@ -256,8 +265,8 @@ class _Search:
     """One search; lengths and places are in cells."""
 
     space: _Space
-    start: F64
-    goal: F64
+    start: _Place
+    goal: _Place
     factor: float
     smooth: bool
     max_cells: int
@@ -265,9 +274,9 @@ class _Search:
 
     def path(self) -> Path | None:
         """Return the way, None if there is none."""
-        line = np.stack([self.start, self.goal])
+        line = np.stack([self.start.place, self.goal.place])
         if self.smooth and self._is_clear(line):
-            return self._result(line, math.dist(self.start, self.goal), {})
+            return self._result(line, length_of(line), {})
         start, goal = self.space.linked(self.start), self.space.linked(self.goal)
         if not len(start) or not len(goal):
             return None
@@ -374,16 +383,16 @@ class _Search:
         tree, square = self.space.tree, self.space.usual**2
         proved = 0.0
         for room in self._rooms():
-            status, cells, _, least = gridpath.walk(
+            status, cells, looked_at, least = gridpath.walk(
                 tree.words, tree.first, tree.depth, square, start.cells, start.lengths,
                 goal.cells, goal.lengths, float(self.factor), length / self.factor, room,
             )  # fmt: skip
+            self.looked_at += looked_at
             proved = max(proved, least)
             if status == roam.EXHAUSTED:
                 break
             if status == roam.FOUND:
-                self.looked_at += len(cells)
-                line = np.vstack([self.start, _corners(cells + 0.5), self.goal])
+                line = np.vstack([start.place, _corners(cells + 0.5), goal.place])
                 return _without_repeats(line), proved
         return None, proved
 
