@@ -77,6 +77,11 @@ def test_a_path_is_told_with_length_and_clearance(asked):
     assert (found["answer"], found["query"]) == ("path", [3, 3, 17, 27, 3, 17])
     assert {key: found[key] for key in path.to_dict()} == path.to_dict()
     assert len(found["points"]) > 2
+    # a path across the foot of the wall has to go up to the hole
+    assert asked("path", *ends, "--z", 10, 20).stdout == done.stdout
+    assert asked("path", 3, 3, 3, 27, 3, 3, "--z", 0, 10).stdout == "no path\n"
+    done = asked("path", *ends, "--z", 0, 10)
+    assert done.stdout == "no path: start outside: not between the heights\n"
 
 
 def test_what_has_no_path_is_an_answer_not_an_error(asked):

@@ -124,7 +124,7 @@ def test_the_search_over_cells_finds_dijkstras_length(maze):
     tree = tree_of(unit_volume(cells), 2)
     best = naive.shortest(naive.allowed_cells(cells, 16, 0), {a: 0.5}, {b: 0.25})
     ends = (np.array([a]), np.array([0.5]), np.array([b]), np.array([0.25]))
-    nodes = (tree.words, tree.first, tree.depth, 0.25)
+    nodes = (tree.words, tree.first, tree.depth, np.array([0.25, -np.inf, np.inf]))
     status, way, looked_at, least = gridpath.walk(*nodes, *ends, 1.0, np.inf, 1 << 14)
     assert (status == roam.FOUND) == math.isfinite(best)
     if status != roam.FOUND:
@@ -141,6 +141,27 @@ def test_the_search_over_cells_finds_dijkstras_length(maze):
     assert status == roam.EXHAUSTED
     status, _, _, least = gridpath.walk(*nodes, *ends, 1.0, np.inf, 64)
     assert status == roam.FOUND or least <= best
+
+
+@settings(max_examples=8, deadline=None)
+@given(maze=mazes(), band=st.tuples(st.integers(0, 6), st.integers(9, 16)))
+def test_heights_bound_the_whole_line(maze, band):
+    """Cells count whose centre is between them; half a cell of the ends' may be cut off."""
+    cells, a, b, _ = maze
+    low, high = band[0] + 0.25, band[1] - 0.25
+    allowed = {cell for cell in naive.allowed_cells(cells, 16, 0) if low <= cell[2] + 0.5 <= high}
+    volume = unit_volume(cells)
+    if not {a, b} <= allowed:
+        with pytest.raises(PathEndError, match="not between the heights"):
+            volume.path(middle(a), middle(b), z=(low, high))
+        return
+    best = naive.shortest(allowed, {a: 0.0}, {b: 0.0})
+    for factor in (1.0, 1.5):
+        path = volume.path(middle(a), middle(b), z=(low, high), factor=factor)
+        assert (path is None) == math.isinf(best)
+        if path is not None:
+            assert path.length <= factor * best * (1 + 1e-9)
+            assert low <= path.points[:, 2].min() <= path.points[:, 2].max() <= high
 
 
 def test_corners_are_not_cut():
@@ -216,6 +237,9 @@ def test_feet_and_survey_feet():
     steps = np.diff(path.points, axis=0) * [1, 1, ratio]
     np.testing.assert_allclose(path.length, np.sqrt((steps**2).sum(axis=1)).sum(), rtol=1e-9)
     assert path.points[:, 2].max() * ratio - z >= 12.4 * cell
+    top = (z + 12 * cell) / ratio  # of the wall: half a cell more than that is needed
+    assert volume.path(a, b, z=(0, top + 0.4 * cell / ratio)) is None
+    assert volume.path(a, b, z=(0, top + 0.6 * cell / ratio)) is not None
     assert volume.clearance(path.points).min() >= 0.49 * cell
     toolkit = making.volume_of(
         WALL[:-1], 2, cube=Cube((0.0, 0.0, 0.0), 30.0), info=VolumeInfo(quantizer="unknown")
@@ -279,6 +303,8 @@ def test_options_that_make_no_sense_are_refused():
         ({"factor": 0.5}, "factor is 1 or more"),
         ({"factor": math.nan}, "factor is 1 or more"),
         ({"level": 3}, "levels 1 to 2"),
+        ({"z": (3, 2)}, "heights are the lower and the higher, not 3 and 2"),
+        ({"z": (math.nan, 2)}, "heights are the lower"),
     ):
         with pytest.raises(OptionError, match=words):
             find_path(volume, a, a, **options)

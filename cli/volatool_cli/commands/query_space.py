@@ -131,6 +131,7 @@ def clearance(asked: Asked, numbers: Words, to: str, **arguments: Any) -> None:
     type=LengthType(),
     help="Keep so far from voxels, all along; a bare number is in the horizontal unit.",
 )
+@click.option("--z", type=float, nargs=2, metavar="LOW HIGH", help="Only between these heights.")
 @level
 @click.option(
     "--factor",
@@ -151,6 +152,7 @@ def path(
     asked: Asked,
     numbers: Words,
     clearance: Length | None,
+    z: tuple[float, float] | None,
     factor: float,
     max_cells: int | None,
     **arguments: Any,
@@ -169,6 +171,7 @@ def path(
     from volatool.vola.path import MAX_CELLS
 
     options = {
+        "z": z,
         "level": arguments.pop("level"),
         "factor": factor,
         "max_cells": max_cells or MAX_CELLS,

@@ -17,7 +17,6 @@ from volatool.kernels.openlist import FREE_SLOT, drop_first, lift, packed, slot_
 from volatool.kernels.roam import EXHAUSTED, FOUND, OUT_OF_ROOM
 
 _ONE = np.uint64(1)
-_ALL = np.uint64(2**64 - 1)
 _SQRT2, _SQRT3 = math.sqrt(2.0), math.sqrt(3.0)
 
 
@@ -32,7 +31,7 @@ def octile(dx, dy, dz):
 
 
 @kernel
-def passable_word(words, first, depth, square, x, y, z, stack, box):
+def passable_word(words, first, depth, rule, x, y, z, stack, box):
     """
     Tell which cells of a block of the deepest level are passable.
 
@@ -40,8 +39,9 @@ def passable_word(words, first, depth, square, x, y, z, stack, box):
     ----------
     words, first, depth
         The nodes, as for `nearest.nearest`.
-    square : float
-        Square of the clearance that a cell's centre must keep; at 0.25 all free cells do.
+    rule : (3,) array of float64
+        Square of the clearance that a cell's centre must keep, at 0.25 all free cells do; lowest
+        and highest z of the centre.
     x, y, z : int
         The block.
     stack, box
@@ -55,24 +55,30 @@ def passable_word(words, first, depth, square, x, y, z, stack, box):
     box[0], box[3] = 4 * x + 0.5, 4 * x + 3.5
     box[1], box[4] = 4 * y + 0.5, 4 * y + 3.5
     box[2], box[5] = 4 * z + 0.5, 4 * z + 3.5
-    if keeps_clear(words, first, depth, box, square, stack):
-        return _ALL
-    if square <= 0.25:
+    word = np.uint64(0)
+    for slot in range(4):
+        if rule[1] <= 4 * z + slot + 0.5 <= rule[2]:
+            word |= np.uint64(0xFFFF) << np.uint64(16 * slot)
+    if word == 0 or keeps_clear(words, first, depth, box, rule[0], stack):
+        return word
+    if rule[0] <= 0.25:
         node = np.int64(0)
         for level in range(depth - 1):
             shift = 2 * (depth - 2 - level)
             bit = ((x >> shift) & 3) | (((y >> shift) & 3) << 2) | (((z >> shift) & 3) << 4)
             below = (_ONE << np.uint64(bit)) - _ONE
             node = first[node] + popcount(words[node] & below)
-        return ~words[node]
-    word = np.uint64(0)
+        return word & ~words[node]
     for bit in range(64):
+        flag = _ONE << np.uint64(bit)
+        if not word & flag:
+            continue
         box[0] = 4 * x + (bit & 3) + 0.5
         box[1] = 4 * y + ((bit >> 2) & 3) + 0.5
         box[2] = 4 * z + (bit >> 4) + 0.5
         box[3:] = box[:3]
-        if keeps_clear(words, first, depth, box, square, stack):
-            word |= _ONE << np.uint64(bit)
+        if not keeps_clear(words, first, depth, box, rule[0], stack):
+            word ^= flag
     return word
 
 
@@ -90,14 +96,14 @@ def _needed():
 
 @kernel
 def walk(
-    words, first, depth, square, starts, start_lengths, goals, goal_lengths, weight, bound, room
+    words, first, depth, rule, starts, start_lengths, goals, goal_lengths, weight, bound, room
 ):
     """
     Look for a short way from some cells to others.
 
     Parameters
     ----------
-    words, first, depth, square
+    words, first, depth, rule
         As for `passable_word`.
     starts, goals : (n, 3) arrays of int64
         Passable cells.
@@ -176,7 +182,7 @@ def walk(
                 if blocks[slot] != key:
                     blocks[slot] = key
                     block_words[slot] = passable_word(
-                        words, first, depth, square, cx >> 2, cy >> 2, cz >> 2, stack, box
+                        words, first, depth, rule, cx >> 2, cy >> 2, cz >> 2, stack, box
                     )
                     n_blocks += 1
                 last = key

@@ -2,9 +2,10 @@
 
 Coordinates and lengths are in cells of the deepest level. The *core* of a cell is the box of the
 centres of its deepest cells; a cell is passable when no occupied voxel comes nearer to its core
-than the clearance. Any two places of a core may be joined by a straight line that keeps it, and so
-may two places across a face: a distance to a voxel's box changes monotonously along each axis
-between two neighbouring centres, so that it is nowhere below that of one of the centres around.
+than the clearance, and the core is between the heights that are allowed. Any two places of a core
+may be joined by a straight line that keeps both, and so may two places across a face: a distance
+to a voxel's box changes monotonously along each axis between two neighbouring centres, so that it
+is nowhere below that of one of the centres around.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def all_keep_clear(words, first, depth, points, square):
 
 
 @kernel
-def _is_passable(words, first, depth, square, level, x, y, z, known, verdicts, counts, stack, box):
+def _is_passable(words, first, depth, rule, level, x, y, z, known, verdicts, counts, stack, box):
     """1 if a cell is passable, 0 if not; remembered. 0 too, and counts[1] set, without room."""
     key = packed(level, x, y, z)
     slot = slot_of(known, key)
@@ -63,7 +64,11 @@ def _is_passable(words, first, depth, square, level, x, y, z, known, verdicts, c
     box[0], box[3] = x * span + 0.5, (x + 1) * span - 0.5
     box[1], box[4] = y * span + 0.5, (y + 1) * span - 0.5
     box[2], box[5] = z * span + 0.5, (z + 1) * span - 0.5
-    verdict = np.uint8(keeps_clear(words, first, depth, box, square, stack))
+    verdict = np.uint8(
+        box[2] >= rule[1]
+        and box[5] <= rule[2]
+        and keeps_clear(words, first, depth, box, rule[0], stack)
+    )
     known[slot] = key
     verdicts[slot] = verdict
     counts[0] += 1
@@ -72,7 +77,7 @@ def _is_passable(words, first, depth, square, level, x, y, z, known, verdicts, c
 
 @kernel
 def roam(
-    words, first, depth, square, starts, start_lengths, goals, origin, target, weight, finest,
+    words, first, depth, rule, starts, start_lengths, goals, origin, target, weight, finest,
     near, room,
 ):  # fmt: skip
     """
@@ -82,8 +87,8 @@ def roam(
     ----------
     words, first, depth
         The nodes, as for `nearest.nearest`.
-    square : float
-        Square of the clearance, in cells; at least 0.25.
+    rule : (3,) array of float64
+        Square of the clearance, at least 0.25; lowest and highest z of a passable cell's centre.
     starts, goals : (n, 3) arrays of int64
         Passable cells of the deepest level.
     start_lengths : (n,) array of float64
@@ -134,7 +139,7 @@ def roam(
     for i in range(starts.shape[0]):
         level = 0
         while level < depth and not _is_passable(
-            words, first, depth, square, level, starts[i, 0] >> 2 * (depth - level),
+            words, first, depth, rule, level, starts[i, 0] >> 2 * (depth - level),
             starts[i, 1] >> 2 * (depth - level), starts[i, 2] >> 2 * (depth - level),
             known, verdicts, counts, stack, box,
         ):  # fmt: skip
@@ -163,7 +168,7 @@ def roam(
         if level > deepest:
             continue
         if not _is_passable(
-            words, first, depth, square, level, x, y, z, known, verdicts, counts, stack, box
+            words, first, depth, rule, level, x, y, z, known, verdicts, counts, stack, box
         ):
             if level < deepest:
                 axis, sign = faces[offer] % 3, 1 - 2 * (faces[offer] // 3)
@@ -200,7 +205,7 @@ def roam(
             # the largest passable cell there; if there is none, the neighbour for its children
             there = 1
             while there <= level and not _is_passable(
-                words, first, depth, square, there, nx >> 2 * (level - there),
+                words, first, depth, rule, there, nx >> 2 * (level - there),
                 ny >> 2 * (level - there), nz >> 2 * (level - there),
                 known, verdicts, counts, stack, box,
             ):  # fmt: skip

@@ -102,6 +102,7 @@ def find_path(
     b: ArrayLike,
     clearance: float = 0.0,
     *,
+    z: tuple[float, float] | None = None,
     level: int | None = None,
     factor: float = 1.5,
     smooth: bool = True,
@@ -119,6 +120,8 @@ def find_path(
     clearance : float
         Distance that the whole line keeps from the boxes of occupied cells, in the horizontal
         unit of the CRS, to one part in 1e9. Away from its ends it keeps half a cell in any case.
+    z : tuple of 2 float, optional
+        Lowest and highest z of the line, in the vertical unit; no limit by default.
     level : int, optional
         Level of the cells, 1 to the volume's depth; the deepest by default.
     factor : float
@@ -136,13 +139,14 @@ def find_path(
     Raises
     ------
     PathEndError
-        ``E_PATH_END``: an end is outside the cube, in an occupied cell, or nearer to one than
-        `clearance`.
+        ``E_PATH_END``: an end is outside the cube or the heights, in an occupied cell, or nearer to
+        one than `clearance`.
     ResourceError
         ``E_SIZE``: neither a way nor that there is none was found within `max_cells`, or the level
         is deeper than 10.
     OptionError
-        ``E_OPTION``: a clearance below 0, a factor below 1, a level that is not there.
+        ``E_OPTION``: a clearance below 0, a factor below 1, heights that are none, a level that is
+        not there.
 
     Notes
     -----
@@ -158,13 +162,17 @@ def find_path(
         raise OptionError(f"a clearance is 0 or more, not {clearance}")
     if not factor >= 1:
         raise OptionError(f"a factor is 1 or more, not {factor}")
+    low, high = (-math.inf, math.inf) if z is None else z
+    if not low <= high:
+        raise OptionError(f"heights are the lower and the higher, not {low} and {high}")
     level = volume.depth if level is None else level
     volume.n_cells(level)  # refuses a level that is not there
     if level > MAX_DEPTH:
         raise ResourceError(
             f"paths end at level {MAX_DEPTH}, not {level}: give a coarser level", "E_SIZE"
         )
-    space = _Space(volume, level, lattice_of(volume, level), tree_of(volume, level), clearance)
+    lattice, tree = lattice_of(volume, level), tree_of(volume, level)
+    space = _Space(volume, level, lattice, tree, clearance, (low, high))
     start, goal = space.end(a, "start"), space.end(b, "goal")
     search = _Search(space, start, goal, factor, smooth, max_cells)
     path = search.path()
@@ -202,6 +210,7 @@ class _Space:
     lattice: Lattice
     tree: Tree
     clearance: float
+    heights: tuple[float, float]
 
     @property
     def least(self) -> float:
@@ -215,6 +224,12 @@ class _Space:
         """Distance that a passable cell's centre keeps: every free cell's has half a cell."""
         return max(self.least, 0.5)
 
+    @property
+    def rule(self) -> F64:
+        """What passable cells keep: square of the distance, lowest and highest centre."""
+        low, high = self.lattice.from_crs([(0.0, 0.0, height) for height in self.heights])[:, 2]
+        return np.array([self.usual**2, low, high])
+
     def end(self, point: ArrayLike, name: str) -> _Place:
         """Return an end in lattice coordinates and its cell, if a path may have it."""
         xyz = np.asarray(point, np.float64)
@@ -223,6 +238,8 @@ class _Space:
         cell = self.volume.cell_indices(xyz, self.level)
         if cell[0, 0] < 0 or not self.lattice.step:
             raise PathEndError(f"{name} outside: not in the volume's cube")
+        if not self.heights[0] <= xyz[2] <= self.heights[1]:
+            raise PathEndError(f"{name} outside: not between the heights")
         if self.volume.contains_cells(cell, self.level)[0]:
             raise PathEndError(f"{name} occupied: in a voxel")
         # a point that rounding errs for belongs to the cell's side of the face
@@ -252,7 +269,9 @@ class _Space:
 
         tree = self.tree
         centres: F64 = cells.astype(np.float64) + 0.5
-        good = all_keep_clear(tree.words, tree.first, tree.depth, centres, self.usual**2)
+        square, low, high = self.rule
+        good = all_keep_clear(tree.words, tree.first, tree.depth, centres, square)
+        good &= (centres[:, 2] >= low) & (centres[:, 2] <= high)
         centres = np.ascontiguousarray(centres[good])
         from_here = np.broadcast_to(place, centres.shape).copy()
         line_clear = segment_clearance(tree, from_here, centres) >= max(self.least, more_than)
@@ -365,7 +384,7 @@ class _Search:
         tree = self.space.tree
         near = float(_NEAR * 4 ** (tree.depth - finest))
         status, keys, entries, looked_at = roam.roam(
-            tree.words, tree.first, tree.depth, self.space.usual**2, start.cells,
+            tree.words, tree.first, tree.depth, self.space.rule, start.cells,
             start.lengths, goal.cells, start.place, goal.place, _HASTE, finest, near, room,
         )  # fmt: skip
         self.looked_at += looked_at
@@ -380,11 +399,11 @@ class _Search:
         """Return a line within the factor if there may be one, and what no way is shorter than."""
         from volatool.kernels import gridpath, roam
 
-        tree, square = self.space.tree, self.space.usual**2
+        tree, rule = self.space.tree, self.space.rule
         proved = 0.0
         for room in self._rooms():
             status, cells, looked_at, least = gridpath.walk(
-                tree.words, tree.first, tree.depth, square, start.cells, start.lengths,
+                tree.words, tree.first, tree.depth, rule, start.cells, start.lengths,
                 goal.cells, goal.lengths, float(self.factor), length / self.factor, room,
             )  # fmt: skip
             self.looked_at += looked_at

@@ -547,8 +547,8 @@ class Volume:
         clearance : float
             Distance that the whole line keeps from occupied voxels' boxes, in the horizontal unit.
         **options
-            ``level``, ``factor``, ``smooth``, ``max_cells``, as `volatool.vola.path.find_path`
-            has them.
+            ``z``, ``level``, ``factor``, ``smooth``, ``max_cells``, as
+            `volatool.vola.path.find_path` has them.
 
         Returns
         -------
