@@ -278,6 +278,8 @@ class _Shape:
 
 def _batches_of_stdin() -> Iterator[list[tuple[int, bytes]]]:
     """Yield the lines that are there, numbered from 1, again and again until the end."""
+    if sys.stdin is None:
+        raise OptionError("stdin is closed; give numbers as arguments, or lines on stdin")
     number, rest = 1, b""
     while True:
         data = sys.stdin.buffer.read1(1 << 20)  # type: ignore[union-attr]

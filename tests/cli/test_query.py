@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 from making_volumes import random_volume
 
+from volatool.errors import OptionError
 from volatool_cli.main import cli
 
 KINDS = cli.commands["query"].commands
@@ -124,6 +125,28 @@ def test_an_answer_comes_when_its_line_has_come(asked):
         process.stdin.close()
         assert process.stdout.read() == b"outside\n"
     assert process.returncode == 0
+
+
+def test_stdin_that_is_closed_or_empty(asked):
+    command = f"{shlex.quote(sys.executable)} -m volatool_cli query v.vol point"
+    for end, status, start in (("<&-", 2, "E_OPTION: stdin is closed"), ("</dev/null", 0, "")):
+        done = subprocess.run(
+            ["bash", "-c", f"{command} {end}"], cwd=asked.folder, capture_output=True, text=True
+        )
+        assert (done.returncode, done.stdout) == (status, "")
+        assert done.stderr.startswith(start)
+
+
+def test_a_line_without_end_is_refused(monkeypatch):
+    from volatool_cli.queries import _batches_of_stdin
+
+    class Endless:
+        def read1(self, size):
+            return b"1" * size
+
+    monkeypatch.setattr("sys.stdin", type("Stdin", (), {"buffer": Endless()})())
+    with pytest.raises(OptionError, match="line 1 of stdin"):
+        list(_batches_of_stdin())
 
 
 def test_a_reader_that_goes_away_is_no_error(asked):

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import volatool as vt
 from volatool.cube import Cube
 from volatool.errors import OptionError
 from volatool.model import CrsInfo
@@ -231,6 +232,38 @@ def test_sight_goes_both_ways(voxels, a, b):
     skip = {tuple(map(int, volume.cell_indices(end)[0])) for end in (a, b)}
     found = naive.first_hit(voxels, a, np.subtract(b, a).tolist(), 4, 1.0, skip)
     assert volume.sight(a, b, ignore_ends=True).is_clear.tolist() == [found is None]
+
+
+@pytest.mark.shared
+def test_rays_through_a_real_tile_meet_what_every_voxel_says(shared, tmp_path):
+    """Feet, mountain forest: slabs of all voxels at once, for rays in all directions."""
+    tile = shared / "tiles" / "4_6_crop.las"
+    report = vt.convert(tile, tmp_path, depth=4, dem=False, dense="never")
+    volume = vt.open(report.paths[0])
+    frame, voxels = Frame.of(volume), volume.voxels().astype(float)
+    assert frame.z_ratio == 1
+    rng = np.random.default_rng(7)
+    centers = volume.centers()
+    origins = centers[rng.integers(0, len(centers), 80)] + rng.normal(size=(80, 3)) * [50, 50, 20]
+    directions = rng.normal(size=(80, 3)) * [1, 1, 0.5]
+    directions[40:] = centers[rng.integers(0, len(centers), 40)] - origins[40:]
+    directions[:12, 0] = 0  # parallel to planes, and to an axis
+    directions[:6, 1] = 0
+    hits = volume.ray(origins, directions)
+    places = frame.places(origins)
+    for i in range(80):
+        with np.errstate(divide="ignore"):
+            ends = (np.stack([voxels, voxels + 1]) - places[i]) / directions[i]
+        low, high = ends.min(axis=0).max(axis=1), ends.max(axis=0).min(axis=1)
+        met = (np.maximum(low, 0) < high).nonzero()[0]
+        assert hits.is_hit[i] == bool(len(met))
+        if len(met):
+            first = met[np.maximum(low[met], 0).argmin()]
+            assert hits.index[i] == first
+            t = max(low[first], 0.0)
+            step = frame.step * np.linalg.norm(directions[i])
+            assert hits.distance[i] == pytest.approx(t * step, abs=1e-6)
+    assert 40 < hits.is_hit.sum() < 80
 
 
 def test_empty_blocks_are_stepped_over():
