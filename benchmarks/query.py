@@ -93,6 +93,16 @@ def census(volume: vt.Volume, rng: np.random.Generator, n: int) -> Job:
     return lambda: volume.census(bands=[-np.inf, 0.0, np.inf]), volume.n_blocks()
 
 
+def components(connectivity: int) -> Callable[[vt.Volume, np.random.Generator, int], Job]:
+    return lambda volume, rng, n: (lambda: volume.components(connectivity), volume.n_blocks())
+
+
+def clearances(volume: vt.Volume, rng: np.random.Generator, n: int) -> Job:
+    n //= 5
+    points = chosen_points(volume, n, rng)
+    return lambda: volume.clearance(points), n
+
+
 RATES: list[tuple[str, str, Callable[[vt.Volume, np.random.Generator, int], Job]]] = [
     ("point", "points", points_per_second),
     ("ray, first voxel", "rays", rays),
@@ -101,6 +111,9 @@ RATES: list[tuple[str, str, Callable[[vt.Volume, np.random.Generator, int], Job]
     ("26 neighbours, exact", "voxels", neighbours(exact=True)),
     ("26 neighbours, by block", "voxels", neighbours(exact=False)),
     ("census of all", "blocks", census),
+    ("components, 6-connected", "blocks", components(6)),
+    ("components, 26-connected", "blocks", components(26)),
+    ("clearance", "points", clearances),
 ]
 """Name, unit, and what makes the job from volume, generator and number of points."""
 

@@ -25,6 +25,7 @@ PAGES = [
     "docs/how-to/index.md",
     "docs/how-to/import.md",
     "docs/how-to/query.md",
+    "docs/how-to/space.md",
 ]
 
 
@@ -88,10 +89,11 @@ def test_the_python_of_the_tutorial_runs(workplace):
         assert "Volume depth 4" in done.stdout
 
 
-def test_the_python_of_the_page_on_queries_runs(workplace):
+@pytest.mark.parametrize("page", ["docs/how-to/query.md", "docs/how-to/space.md"])
+def test_the_python_of_the_pages_on_queries_runs(page, workplace):
     made = shell("volatool convert data_samples/town.laz --no-dem -o out", workplace)
     assert made.returncode == 0
-    (code,) = blocks("docs/how-to/query.md", "python")
+    (code,) = blocks(page, "python")
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=workplace, capture_output=True, text=True, check=False
     )

@@ -24,6 +24,7 @@ from volatool_cli.commands.index import index
 from volatool_cli.commands.info import info
 from volatool_cli.commands.merge import merge
 from volatool_cli.commands.query import query
+from volatool_cli.commands.query_space import SPACE_KINDS
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
@@ -100,6 +101,8 @@ for command in (
     doctor,
 ):
     cli.add_command(command)
+for command in SPACE_KINDS:
+    query.add_command(command)
 
 
 def main() -> NoReturn:

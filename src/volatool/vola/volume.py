@@ -22,8 +22,10 @@ from volatool.vola.words import count_level, frozen, popcount
 
 if TYPE_CHECKING:
     from volatool.vola.census import Census
+    from volatool.vola.components import Components
     from volatool.vola.directory import Directory
     from volatool.vola.neighbours import NeighbourError
+    from volatool.vola.path import Path
     from volatool.vola.rays import Hits, Sights
     from volatool.vola.regions import BoxCount, Column
     from volatool.vola.window import Window
@@ -528,6 +530,82 @@ class Volume:
                 return values
         names = ", ".join(str(channel["name"]) for channel in self.info.channels) or "none"
         raise OptionError(f"no metadata channel {name!r}; known: {names}", "E_NO_METADATA")
+
+    def components(self, connectivity: int = 26, level: int | None = None) -> Components:
+        """
+        Find the connected components of a level's set cells, the largest first.
+
+        Parameters
+        ----------
+        connectivity : int
+            26: over faces, edges and corners. 6: over faces only.
+        level : int, optional
+            1 to `depth`; the deepest by default.
+
+        Returns
+        -------
+        components : Components
+            ``len()`` is their number; ``sizes``, ``boxes``, ``bounds``, and ``labels`` in the
+            order of `voxels`.
+        """
+        from volatool.vola.components import components
+
+        return components(self, connectivity, level)
+
+    def clearance(self, xyz: ArrayLike, level: int | None = None, *, to: str = "box") -> F64:
+        """
+        Return the distance from each point to the nearest occupied cell.
+
+        Parameters
+        ----------
+        xyz : (n, 3) array of float
+            In units of the CRS (z in the vertical unit), inside the cube or not.
+        level : int, optional
+            1 to `depth`; the deepest by default.
+        to : {"box", "centre"}
+            To the cell's box, 0 inside; or to its middle.
+
+        Returns
+        -------
+        distances : (n,) array of float64
+            In the horizontal unit of the CRS; infinity when the volume is empty.
+        """
+        from volatool.vola.clearance import clearance
+
+        return clearance(self, xyz, level, to=to)
+
+    def path(
+        self, a: ArrayLike, b: ArrayLike, clearance: float = 0.0, **options: Any
+    ) -> Path | None:
+        """
+        Find a short way between two places through free space.
+
+        Parameters
+        ----------
+        a, b : (3,) array of float
+            The ends, in units of the CRS (z in the vertical unit).
+        clearance : float
+            Distance that the whole line keeps from occupied voxels' boxes, in the horizontal unit.
+        **options
+            ``z``, ``level``, ``factor``, ``smooth``, ``max_cells``, as
+            `volatool.vola.path.find_path` has them.
+
+        Returns
+        -------
+        path : Path or None
+            ``points``, ``length``, ``clearance``, ...; None when there is no way.
+
+        Raises
+        ------
+        PathEndError
+            ``E_PATH_END``: an end is outside the cube, in a voxel, or nearer to one than
+            `clearance`.
+        ResourceError
+            ``E_SIZE``: undecided within ``max_cells``.
+        """
+        from volatool.vola.path import find_path
+
+        return find_path(self, a, b, clearance, **options)
 
     def counts(self) -> list[LevelCounts]:
         """Return the exact counts of each level, the root first."""
