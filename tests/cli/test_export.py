@@ -59,10 +59,12 @@ def test_the_help_lists_every_format(volatool):
         assert exporter.title in text
 
 
-def test_points_of_a_part_of_the_town(town):
+def test_points_of_a_part_of_the_town(town, monkeypatch):
     bounds, z = "523500,5398250,523550,5398300", "300,310"
-    done = town("export", "town.vol.gz", "-o", "part.laz", "--bounds", bounds, "--z", z)
-    assert done.returncode == 0, done.stderr
+    done = in_process(
+        town.folder, monkeypatch, "town.vol.gz", "-o", "part.laz", "--bounds", bounds, "--z", z
+    )
+    assert done.exit_code == 0, done.stderr
     las = laspy.read(town.folder / "part.laz")
     volume = vt.open(town.folder / "town.vol.gz")
     half = volume.cell() / 2
@@ -74,22 +76,26 @@ def test_points_of_a_part_of_the_town(town):
     assert las.header.parse_crs().sub_crs_list[0].to_epsg() == 25832
 
 
-def test_several_files_are_listed_one_a_line(town):
-    done = town("export", "town.vol.gz", "--to", "png", "--level", "2", "-o", "pictures.png")
-    assert done.returncode == 0, done.stderr
+def test_several_files_are_listed_one_a_line(town, monkeypatch):
+    done = in_process(
+        town.folder, monkeypatch, "town.vol.gz", "--to", "png", "--level", "2", "-o", "pictures.png"
+    )
+    assert done.exit_code == 0, done.stderr
     names = done.stdout.splitlines()
     assert names[0].startswith("pictures.z0")
     assert len(names) % 3 == 0
     assert all((town.folder / name).exists() for name in names)
-    again = town("export", "town.vol.gz", "--to", "png", "--level", "2", "-o", "pictures.png")
-    assert again.returncode == 2
+    again = in_process(
+        town.folder, monkeypatch, "town.vol.gz", "--to", "png", "--level", "2", "-o", "pictures.png"
+    )
+    assert again.exit_code == 2
     assert "--overwrite" in again.stderr
 
 
-def test_a_map_from_the_command_line(town):
+def test_a_map_from_the_command_line(town, monkeypatch):
     arguments = ["--level", "3", "--above", "4m,8m", "--near", "0", "--local"]
-    done = town("export", "town.vol.gz", "--to", "nav2", *arguments)
-    assert done.returncode == 0, done.stderr
+    done = in_process(town.folder, monkeypatch, "town.vol.gz", "--to", "nav2", *arguments)
+    assert done.exit_code == 0, done.stderr
     assert done.stdout.splitlines() == ["town.yaml", "town.pgm"]
     text = (town.folder / "town.yaml").read_text()
     assert "resolution: 3.75\n" in text

@@ -120,6 +120,17 @@ def test_the_reader_for_devices_reads_it(tmp_path):
     assert np.array_equal(found[:, 3], volume.metadata())
 
 
+@pytest.mark.skipif(shutil.which("g++") is None, reason="no g++")
+def test_it_is_also_c_plus_plus(tmp_path):
+    vt.export_volume(full_volume(), tmp_path / "town.h")
+    main = "int main() { return town_vol[0] != 80 || town_word(1, 0) == 0; }\n"
+    (tmp_path / "main.cpp").write_text('#include "town.h"\n' + main)
+    command = ["g++", "-std=c++11", "-Wall", "-Wextra", "-Wold-style-cast", "-Werror", "-o", "main"]
+    done = subprocess.run([*command, "main.cpp"], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert subprocess.run([tmp_path / "main"], check=False).returncode == 0
+
+
 def test_names_are_identifiers():
     names = {"town.2": "town_2", "2024": "v_2024", "int": "int_", "class": "class_", "_x": "v__x"}
     assert {stem: _name(None, stem) for stem in names} == names

@@ -182,3 +182,38 @@ def test_chunks_of_a_root_without_voxels_and_of_one_level():
     full = volume_of([(x, y, z) for x in range(4) for y in range(4) for z in range(4)], 1)
     (chunk,) = cell_chunks(full)
     assert len(chunk) == 64
+
+
+def test_what_was_put_right_when_the_file_was_read_is_told(tmp_path):
+    from volatool.errors import CodedWarning
+
+    warning = CodedWarning("W_EMPTY_BLOCKS", "level 2 stores empty blocks", 1)
+    volume = random_volume(info=replace(INFO, warnings=(warning,)))
+    assert vt.export_volume(volume, tmp_path / "a.vol").warnings == (warning,)
+
+
+def test_no_memory_and_a_full_disk_leave_nothing_behind(tmp_path, monkeypatch):
+    import volatool.export.vola as module
+
+    def fail(error):
+        def write(stream, volume, encoding):
+            stream.write(b"begun")
+            raise error
+
+        return write
+
+    for error, code in ((MemoryError(), "E_MEMORY"), (OSError(28, "No space left"), "E_WRITE")):
+        monkeypatch.setattr(module, "write_volume", fail(error))
+        with pytest.raises(vt.VolatoolError) as caught:
+            vt.export_volume(random_volume(), tmp_path / "a.vol")
+        assert caught.value.code == code
+        assert not list(tmp_path.iterdir())
+
+
+def test_pictures_do_not_mind_a_file_that_they_do_not_write(tmp_path):
+    (tmp_path / "a.png").write_bytes(b"mine")
+    paths = vt.export_volume(random_volume(), tmp_path / "a.png", slices="top").paths
+    assert (tmp_path / "a.png").read_bytes() == b"mine"
+    with pytest.raises(OutputExistsError):
+        vt.export_volume(random_volume(), tmp_path / "a.png", slices="top")
+    assert len(paths) == 3

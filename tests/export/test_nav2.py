@@ -161,15 +161,28 @@ def test_feet_become_metres_and_local_counts_from_the_cube(tmp_path):
         assert ("[609600.0, 91440.0]" in comment) == bool(local)
 
 
-def test_a_slope_is_no_obstacle(tmp_path):
-    """30 % up: the ground of the voxels themselves follows it."""
+@pytest.mark.parametrize("side", [32.0, 10.0])
+def test_a_slope_is_no_obstacle(tmp_path, side):
+    """30 % up: the ground of the voxels themselves follows it, on larger cells of fine voxels."""
     voxels = [(x, y, 5 + int(0.3 * x)) for x in range(64) for y in range(64)]
     voxels += [(30, 30, 5 + 9 + k) for k in (1, 2)]
-    cube = Cube((500000.0, 5000000.0, 100.0), 32.0)
+    cube = Cube((500000.0, 5000000.0, 100.0), side)
     volume = volume_of(voxels, 3, cube=cube, metadata=False, info=VolumeInfo(crs=METRES))
-    grid, *_ = load(vt.export_volume(volume, tmp_path / "m.yaml").paths[0])
+    grid, *_ = load(vt.export_volume(volume, tmp_path / "m.yaml", above=("0.1m", "2m")).paths[0])
     assert np.argwhere(grid == OCCUPIED).tolist() == [[30, 30]]
     assert (grid == UNKNOWN).sum() == 0
+
+
+def test_ground_in_two_layers_of_voxels_is_no_obstacle(tmp_path):
+    """Level ground at the border of two layers: every tenth column has a voxel above its own."""
+    rng = np.random.default_rng(4)
+    voxels = {(x, y, 5) for x in range(64) for y in range(64)}
+    voxels |= {(int(x), int(y), 6) for x, y in rng.integers(0, 64, (400, 2))}
+    voxels |= {(20, 30, 7)}
+    info = VolumeInfo(crs=METRES)
+    volume = volume_of(voxels, 3, cube=CUBE, metadata=False, info=info)
+    grid, *_ = load(vt.export_volume(volume, tmp_path / "m.yaml").paths[0])
+    assert np.argwhere(grid == OCCUPIED).tolist() == [[30, 20]]
 
 
 def test_warnings_tell_an_unknown_unit_and_a_map_full_of_holes(tmp_path):

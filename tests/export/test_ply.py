@@ -11,7 +11,7 @@ from making_volumes import INFO, random_volume, volume_of
 
 import volatool as vt
 from volatool.cube import Cube
-from volatool.errors import OptionError
+from volatool.errors import OptionError, ResourceError
 from volatool.export.colours import colours_of
 from volatool.formats.origin import find_origin
 from volatool.vola.volume import VolumeInfo
@@ -97,11 +97,12 @@ def test_local_coordinates_are_single_precision_and_the_shift_is_told(tmp_path):
     assert "crs EPSG:2994+EPSG:6360" in data.comments
 
 
-def test_no_line_of_the_header_is_too_long_for_readers_built_on_rply(tmp_path):
+def test_no_line_of_the_header_is_too_long_for_meshlab(tmp_path):
+    """It has room for 512 characters, others for 256 or 1024."""
     path = vt.export_volume(full_volume(), tmp_path / "a.ply").paths[0]
     header = path.read_bytes().partition(b"end_header\n")[0]
     assert b"volatool+" in header
-    assert max(map(len, header.split(b"\n"))) < 1000
+    assert max(map(len, header.split(b"\n"))) < 256
     assert header.isascii()
 
 
@@ -209,3 +210,12 @@ def test_the_same_volume_gives_the_same_bytes(shape, tmp_path):
         for k in range(2)
     ]
     assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_volumes_deeper_than_any_import_are_points_without_a_grid(tmp_path):
+    volume = volume_of({(4**11 - 1, 0, 5)}, 11, metadata=False)
+    data, _ = exported(volume, tmp_path)
+    np.testing.assert_allclose(xyz_of(data), volume.centers())
+    assert find_origin(data.comments) is None
+    with pytest.raises(ResourceError, match="coarser level"):
+        exported(volume, tmp_path, shape="cubes")

@@ -11,7 +11,8 @@ from making_volumes import random_volume, volume_of
 from PIL import Image
 
 import volatool as vt
-from volatool.errors import ResourceError
+from volatool.cube import Cube
+from volatool.errors import InputError, ResourceError
 from volatool.export.png import Frame
 from volatool.model import Bounds
 
@@ -130,3 +131,10 @@ def test_a_crop_has_its_own_extent(tmp_path):
     with rasterio.open(path) as file:
         assert file.bounds.left >= x + 2 - volume.cell()
         assert file.bounds.top <= y + 5 + volume.cell()
+
+
+def test_one_place_is_no_picture(tmp_path):
+    volume = volume_of([(0, 0, 0)], 1, cube=Cube((1.0, 2.0, 3.0), 0.0), info=FULL)
+    with pytest.raises(InputError, match="one place"):
+        vt.export_volume(volume, tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())

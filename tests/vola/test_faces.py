@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from volatool.errors import ResourceError
 from volatool.vola.faces import boundary, shared_corners
 
 cell_sets = st.sets(st.tuples(*[st.integers(0, 4)] * 3), min_size=1, max_size=90)
@@ -92,6 +93,13 @@ def test_both_ends_of_the_space_are_kept():
         rows = np.array(cells, np.int32)
         faces = boundary(rows)
         assert set(naive.covered(faces.corners)) == naive.boundary(cells)
+
+
+@pytest.mark.parametrize("cell", [[0, 0, 2**20], [-1, 0, 0]])
+def test_cells_outside_the_space_are_refused(cell):
+    with pytest.raises(ResourceError, match="coarser level") as caught:
+        boundary(np.array([cell], np.int32))
+    assert caught.value.code == "E_SIZE"
 
 
 def test_no_cells_have_no_boundary():

@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from volatool.errors import InputError, OptionError
+from volatool.errors import InputError, OptionError, ResourceError
 from volatool.export.model import Exported, Exporter, ExportOptions, Target, is_same
 from volatool.export.registry import exporter_for, exporter_of, run
 from volatool.export.select import select
@@ -71,7 +71,8 @@ def export_volume(
     path = output_path(source, None if output is None else Path(output), exporter)
     if source is not None and is_same(path, source):
         raise OptionError(f"{path}: is the input; give the output another name with --output")
-    refuse_existing([path], overwrite)
+    if exporter.has_main:  # before any work
+        refuse_existing([path], overwrite)
     whole = volume if isinstance(volume, Volume) else open_volume(volume)
     if path.exists() and path.name == whole.info.source_name:
         raise OptionError(
@@ -92,11 +93,11 @@ def export_volume(
         except MemoryError as error:
             if hasattr(error, "code"):
                 raise
-            raise InputError(
-                f"{path}: there is not enough memory to write it; give --bounds or --level",
-                "E_MEMORY",
+            raise ResourceError(
+                f"{path}: there is not enough memory to write it; give --bounds or --level"
             ) from error
         paths = outputs.commit()
+    warnings = [*whole.info.warnings, *warnings]
     return Exported(tuple(paths), exporter.name, len(chosen), tuple(warnings))
 
 

@@ -82,8 +82,8 @@ _END = """\
 
 static inline uint64_t {name}_at(uint32_t offset) {{
     uint64_t word = 0;
-    int i;
-    for (i = 7; i >= 0; i--) word = word << 8 | {name}_vol[offset + (uint32_t)i];
+    uint32_t i;
+    for (i = 8; i > 0; i--) word = word << 8 | {name}_vol[offset + i - 1];
     return word;
 }}
 

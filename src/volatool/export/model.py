@@ -43,6 +43,8 @@ class Exporter:
         Optional extra that holds its packages, for ``E_NO_EXTRA``.
     suffixes : tuple of str
         Others of the same format, by which ``-o`` tells it.
+    has_main : bool
+        There is a file of the output's very name; False if all have endings of their own.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Exporter:
     options: tuple[str, ...] = ()
     extra: str | None = None
     suffixes: tuple[str, ...] = ()
+    has_main: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,14 @@ unknown    205   the rest: nothing near, only what is higher, no ground known
 ========== ===== ====================================================================
 
 The first row is the northernmost. Lengths of the description are metres, whatever the CRS has.
-Obstacles begin one voxel above the ground at the least: the ground itself is known no better.
+Obstacles begin one and a half voxels above the ground at the least: level ground between two layers
+of voxels, with the noise of its points, is in both.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -40,6 +42,12 @@ ABOVE = (Length(Fraction(1, 5), "m"), Length(Fraction(2), "m"))
 
 NEAR = Length(Fraction(1, 2), "m")
 """Default reach of ground that was seen: between the points of a scan there are gaps."""
+
+LEAST_CELLS = 1.5
+"""Lowest obstacle, in voxels: the layer above the ground's also holds points of the ground."""
+
+GROUND_CELL_M = Fraction(1, 2)
+"""The ground of finer voxels is found on cells of at least so many metres, and is as good."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,21 +139,21 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
         warnings.append(CodedWarning("W_NO_CRS", "no CRS tells the unit; metres are assumed"))
     columns = Columns.of(volume)
     low, high = (float(length.in_units(metres)) for length in options.above or ABOVE)
-    cell_m = volume.cell() * float(metres)
-    if high < volume.cell():
+    cell_m, least = volume.cell() * float(metres), LEAST_CELLS * volume.cell()
+    if high < least:
         raise InputError(
             f"voxels of {cell_m:.3g} m can't tell what stands up to {high * float(metres):.3g} m "
             "above the ground; raise the upper height of --above, or make a finer volume"
         )
-    if low < volume.cell():
+    if low < least:
         warnings.append(
             CodedWarning(
                 "W_VOXEL_SIZE",
-                f"voxels are {cell_m:.3g} m: what is lower than one above the ground is not told "
-                f"from it (asked for: {low * float(metres):.3g} m)",
+                f"voxels are {cell_m:.3g} m: obstacles begin {LEAST_CELLS * cell_m:.3g} m above "
+                f"the ground, not {low * float(metres):.3g} m",
             )
         )
-        low = volume.cell()
+        low = least
     ground = _ground(volume, columns.grid, options.ground) * float(volume.crs.z_ratio)
     near = float((options.near or NEAR).in_units(metres))
     image = occupancy(volume, columns, ground, low, high, near)
@@ -223,7 +231,12 @@ def _ground(volume: Volume, grid: Grid, name: str | None) -> F64:
     if name is None:
         from volatool.dem.from_volume import ground_under
 
-        return ground_under(volume, grid)
+        metres = volume.crs.metres_per_unit_xy or Fraction(1)
+        step = math.ceil(GROUND_CELL_M / (grid.exact[2] * metres))
+        if step == 1:
+            return ground_under(volume, grid)
+        coarse = coarser(grid, step)
+        return resampled(ground_under(volume, coarse), coarse, grid)
     from volatool.dem.accuracy import crs_of
     from volatool.dem.geotiff import read_dem
     from volatool.dem.like import grid_like
@@ -234,6 +247,14 @@ def _ground(volume: Volume, grid: Grid, name: str | None) -> F64:
     theirs, ours = crs_of(path).metres_per_unit_z, volume.crs.metres_per_unit_z
     factor = float(theirs / ours) if theirs and ours else 1.0
     return factor * resampled(dem.z.astype(np.float64), dem.grid, grid)
+
+
+def coarser(grid: Grid, step: int) -> Grid:
+    """Return the grid of cells so many times larger that covers another, from its upper left."""
+    left, top, cell = grid.exact
+    cell *= step
+    width, height = -(-grid.width // step), -(-grid.height // step)
+    return Grid(grid.left, grid.top, float(cell), width, height, (left, top, cell))
 
 
 def resampled(z: F64, source: Grid, grid: Grid) -> F64:

@@ -8,6 +8,7 @@ import numpy as np
 import plyfile
 from numpy.typing import NDArray
 
+from volatool.cube import MAX_DEPTH
 from volatool.errors import CodedWarning
 from volatool.export.cells import Places, channels_by_name
 from volatool.export.colours import RGB, Colours, colours_of
@@ -19,8 +20,9 @@ from volatool.formats.origin import origin_lines
 from volatool.vola.volume import Volume
 from volatool.vola.window import half_open
 
-_LINE = 900
-"""Longest comment: readers built on rply (CloudCompare, Open3D) refuse lines of 1024."""
+_LINE = 240
+"""Longest comment: MeshLab refuses headers with lines of 512 characters, rply (CloudCompare,
+Open3D) of 1024."""
 
 _ATTRIBUTES = {
     "intensity": ("intensity", 65535, "u2"),
@@ -119,9 +121,10 @@ def _comments(volume: Volume, is_local: bool) -> list[str]:
         lines.append(f"crs {name}"[:_LINE])
     if is_local:
         lines.append("shift {!r} {!r} {!r}".format(*Places.of(volume).origin))
-    # a single place is no grid to come back to
-    own = origin_lines(half_open(volume), width=_LINE) if volume.cube.side > 0 else []
-    return [_ascii(line) for line in lines] + own
+    # a single place is no grid to come back to, and no import goes deeper
+    if volume.cube.side > 0 and volume.depth <= MAX_DEPTH:
+        lines += origin_lines(half_open(volume), width=_LINE)
+    return [_ascii(line) for line in lines]
 
 
 def _ascii(line: str) -> str:

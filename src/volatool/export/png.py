@@ -24,7 +24,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from volatool.errors import CodedWarning, ResourceError
+from volatool.errors import CodedWarning, InputError, ResourceError
 from volatool.export.cells import CellChunk, cell_chunks, channels_by_name
 from volatool.export.model import ExportOptions, Target
 from volatool.export.notes import no_crs
@@ -142,11 +142,15 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
 
     Raises
     ------
+    InputError
+        All voxels are in one place.
     ResourceError
         ``E_SIZE``: the level asked for makes too many or too large pictures.
     """
     from volatool.points.crs import known_wkt
 
+    if not volume.cube.side:
+        raise InputError("all voxels are in one place; that makes no picture")
     is_top = options.slices == "top"
     frame, warnings = _frame(half_open(volume), is_top, options)
     wkt = known_wkt(frame.volume.crs)

@@ -35,7 +35,14 @@ _ALL = (
     Exporter("bt", ".bt", "OctoMap binary tree", "bt", ("local", "free")),
     Exporter("binvox", ".binvox", "binvox run-length grid", "binvox", ("local", "limit")),
     Exporter("vdb", ".vdb", "OpenVDB grid: Blender, Houdini", "vdb", ("local",)),
-    Exporter("png", ".png", "pictures of the layers, placed for GIS", "png", ("slices", "limit")),
+    Exporter(
+        "png",
+        ".png",
+        "pictures of the layers, placed for GIS",
+        "png",
+        ("slices", "limit"),
+        has_main=False,
+    ),
     Exporter(
         "nav2",
         ".yaml",
@@ -122,6 +129,8 @@ def run(
     """
     try:
         module = import_module(f"volatool.export.{exporter.module}")
+        warnings: list[CodedWarning] = module.export(volume, target, options)
+        return warnings
     except ModuleNotFoundError as error:
         if exporter.extra is None or (error.name or "").startswith("volatool"):
             raise
@@ -129,5 +138,3 @@ def run(
             f"--to {exporter.name} needs {error.name}: pip install 'volatool[{exporter.extra}]'",
             "E_NO_EXTRA",
         ) from error
-    warnings: list[CodedWarning] = module.export(volume, target, options)
-    return warnings

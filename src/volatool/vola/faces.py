@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.errors import ResourceError
 from volatool.model import I32, I64
+
+MAX_SIDE = 1 << 20
+"""Cells along an axis."""
 
 _AXES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Normal, then the two axes of the face; right-handed."""
@@ -51,6 +55,11 @@ def boundary(cells: I32, labels: NDArray[np.integer] | None = None) -> Faces:
         place that has none is in exactly one rectangle. Rectangles meet at T-junctions: a long
         edge can have several short ones on its other side.
 
+    Raises
+    ------
+    ResourceError
+        ``E_SIZE``: a cell outside.
+
     Notes
     -----
     Rectangles grow along the row as far as they can, then row by row: not the fewest possible,
@@ -58,6 +67,10 @@ def boundary(cells: I32, labels: NDArray[np.integer] | None = None) -> Faces:
     """
     from volatool.kernels import faces as kernels
 
+    if len(cells) and (cells.min() < 0 or cells.max() >= MAX_SIDE):
+        raise ResourceError(
+            f"surfaces are made of at most {MAX_SIDE} cells a side; give a coarser level", "E_SIZE"
+        )
     if labels is None:
         labels = np.zeros(len(cells), np.int64)
     labels = labels.astype(np.int64)

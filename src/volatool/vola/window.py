@@ -154,39 +154,34 @@ def window_of(
     """
     level = volume.depth if level is None else level
     volume.n_cells(level)  # refuses one that is not there
-    volume = half_open(volume).truncated(level)
+    placed = half_open(volume)
     box = Bounds(-math.inf, -math.inf, math.inf, math.inf) if bounds is None else bounds
     heights = (-math.inf, math.inf) if z is None else z
     sides = ((box.left, box.right), (box.bottom, box.top), heights)
-    ranges = [_cells_between(volume, axis, *ends) for axis, ends in enumerate(sides)]
+    ranges = [_cells_between(placed, axis, *ends) for axis, ends in enumerate(sides)]
     if any(low > high for low, high in ranges):
         raise OptionError(
             f"the window lies outside the cube: x, y, z from {volume.cube.origin}, "
             f"side {volume.cube.side:g}"
         )
-    first = np.array([low for low, _ in ranges], np.int32)
-    last = np.array([high for _, high in ranges], np.int32)
-    corner = [
-        float(volume.cube.exact[axis] + volume.cube.exact[3] * int(first[axis]) / 4**level)
-        for axis in range(3)
-    ]
-    corner[2] /= float(volume.crs.z_ratio)
-    cells = cells_inside(volume, first, last)
+    first, last = np.array(ranges, np.int32).T >> 2 * (volume.depth - level)
     x, y, z_first = map(int, first)
     nx, ny, nz = map(int, last - first + 1)
+    *corner, side = placed.cube.exact
+    origin = [corner[axis] + side * int(first[axis]) / 4**level for axis in range(3)]
     return Window(
         level,
         (x, y, z_first),
         (nx, ny, nz),
-        (corner[0], corner[1], corner[2]),
-        volume.cell(),
-        cells - first,
+        (float(origin[0]), float(origin[1]), float(origin[2] / volume.crs.z_ratio)),
+        placed.cube.cell(level),
+        cells_inside(volume, first, last, level) - first,
     )
 
 
-def cells_inside(volume: Volume, first: I32, last: I32) -> I32:
+def cells_inside(volume: Volume, first: I32, last: I32, level: int | None = None) -> I32:
     """
-    Return the voxels in a box of cells, visiting only blocks that meet it.
+    Return the cells set in a box of cells, visiting only blocks that meet it.
 
     Parameters
     ----------
@@ -194,6 +189,8 @@ def cells_inside(volume: Volume, first: I32, last: I32) -> I32:
         The volume.
     first, last : (3,) arrays of int32
         Lowest and highest x, y, z, both included.
+    level : int, optional
+        Of the cells; the deepest by default.
 
     Returns
     -------
@@ -202,16 +199,17 @@ def cells_inside(volume: Volume, first: I32, last: I32) -> I32:
     """
     from volatool.kernels.words import child_cells
 
+    level = volume.depth if level is None else level
     cells = np.zeros((1, 3), np.int32)
     index = np.zeros(1, np.int64)
-    for i, words in enumerate(volume.levels):
+    for i, words in enumerate(volume.levels[:level]):
         chosen = words[index]
         n_each = np.bitwise_count(chosen).astype(np.int64)
         cells = child_cells(chosen, cells, int(n_each.sum()))
         # the j-th set bit of a level owns the j-th word of the next
         within = np.arange(len(cells)) - np.repeat(np.cumsum(n_each) - n_each, n_each)
         index = np.repeat(volume._ranks[i][index], n_each) + within
-        shift = 2 * (volume.depth - 1 - i)
+        shift = 2 * (level - 1 - i)
         inside = np.all((cells >= first >> shift) & (cells <= last >> shift), axis=1)
         cells, index = cells[inside], index[inside]
     return cells
