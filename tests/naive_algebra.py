@@ -89,3 +89,23 @@ def regridded(volume, cube, depth):
         lost += not cells
         found |= cells
     return found, lost
+
+
+def far(changed, other, reach):
+    """Voxels with none of another set within `reach` on every axis."""
+    steps = list(itertools.product(range(-reach, reach + 1), repeat=3))
+    return {
+        voxel
+        for voxel in changed
+        if not any(tuple(map(sum, zip(voxel, step, strict=True))) in other for step in steps)
+    }
+
+
+def places(voxels, depth, level, by):
+    """How many voxels there are at each place."""
+    edge = 4 ** (depth - level + 1)
+    found = {}
+    for x, y, z in voxels:
+        place = (x // edge, y // edge, z // edge if by == "block" else 0)
+        found[place] = found.get(place, 0) + 1
+    return found

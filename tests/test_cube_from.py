@@ -101,7 +101,7 @@ def test_another_place_or_crs_is_refused(epochs, tmp_path):
         vt.convert(away, tmp_path / "out", cube_from=reference, **QUIET)
     assert e.value.code == "E_GRID"
     assert not list((tmp_path / "out").glob("*away*"))
-    for crs, told in (("EPSG:25833", "EPSG:25832 and EPSG:25833"), ("EPSG:2994", "foot")):
+    for crs, told in (("EPSG:25833", "EPSG:25833 and EPSG:25832"), ("EPSG:2994", "foot")):
         other = write_las(tmp_path / "other.las", points, crs=crs)
         with pytest.raises(CRSError, match=told) as e:
             vt.stats(other, cube_from=reference)
@@ -142,6 +142,10 @@ def test_differences_of_reference_systems():
     assert difference(heights, crs_from_user("EPSG:25832+5783")) == "EPSG:7837 and EPSG:5783"
     assert difference(utm, crs_from_user("EPSG:32632")) == "EPSG:25832 and EPSG:32632"
     assert difference(CrsInfo(), utm) is None
+    header = CrsInfo(horizontal="EPSG:25833", epsg=25833)  # of a file without a trailer
+    assert difference(header, utm) == "EPSG:25833 and EPSG:25832"
+    assert difference(CrsInfo(horizontal="EPSG:25832"), utm) is None
+    assert difference(CrsInfo(horizontal="local"), utm) is None
     same = CrsInfo(**{**{n: getattr(utm, n) for n in CrsInfo.__dataclass_fields__},
                       "horizontal": "my UTM", "wkt2": utm.wkt2 + " "})  # fmt: skip
     assert difference(same, utm) is None

@@ -18,9 +18,11 @@ PAGES = [
     "docs/how-to/dem.md",
     "docs/how-to/uncertainty.md",
     "docs/how-to/check-accuracy.md",
+    "docs/how-to/compare.md",
     "docs/how-to/export-3d.md",
     "docs/how-to/export.md",
     "docs/how-to/import.md",
+    "docs/how-to/index.md",
 ]
 
 
@@ -65,7 +67,7 @@ def test_the_commands_of_a_page_run(page, workplace):
         if line.startswith(installing) or any(tool in line for tool in missing):
             continue
         # the lines of a page stand side by side: each may write the same names
-        line = re.sub(r"volatool (convert|dem|export) ", r"volatool \1 --overwrite ", line)
+        line = re.sub(r"volatool (convert|dem|export|index) ", r"volatool \1 --overwrite ", line)
         done = shell(line, workplace)
         assert done.returncode == 0, f"{line}\n{done.stderr}"
 

@@ -15,11 +15,14 @@ from volatool_cli.commands.check import check
 from volatool_cli.commands.classify import classify
 from volatool_cli.commands.convert import convert
 from volatool_cli.commands.dem import dem
+from volatool_cli.commands.diff import diff
 from volatool_cli.commands.doctor import doctor
 from volatool_cli.commands.emap import emap
 from volatool_cli.commands.export import export
 from volatool_cli.commands.import_ import import_
+from volatool_cli.commands.index import index
 from volatool_cli.commands.info import info
+from volatool_cli.commands.merge import merge
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
@@ -77,10 +80,24 @@ def cli(ctx: click.Context) -> None:
         ctx.exit(ExitCode.USAGE)
 
 
-for command in (convert, stats, info, dem, check, classify, emap, validate, reproduce, doctor):
+for command in (
+    convert,
+    stats,
+    info,
+    dem,
+    check,
+    classify,
+    emap,
+    import_,
+    export,
+    index,
+    validate,
+    reproduce,
+    doctor,
+):
     cli.add_command(command)
-cli.add_command(export)
-cli.add_command(import_)
+cli.add_command(diff)
+cli.add_command(merge)
 
 
 def main() -> NoReturn:

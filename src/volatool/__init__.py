@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from volatool.emap.live import EMap
     from volatool.export.api import export_volume
     from volatool.formats.registry import open_volume as open
+    from volatool.merging import merge_files as merge
     from volatool.model import Bounds
     from volatool.points.reader import stream
     from volatool.report import Report
     from volatool.vola.builder import VolaBuilder
+    from volatool.vola.diff import diff
     from volatool.vola.volume import Volume
 
 _PLACES = {
@@ -33,8 +35,10 @@ _PLACES = {
     "Volume": ("volatool.vola.volume", "Volume"),
     "classify": ("volatool.api", "classify"),
     "convert": ("volatool.api", "convert"),
+    "diff": ("volatool.vola.diff", "diff"),
     "export_volume": ("volatool.export.api", "export_volume"),
     "import_points": ("volatool.api", "import_points"),
+    "merge": ("volatool.merging", "merge_files"),
     "open": ("volatool.formats.registry", "open_volume"),
     "stats": ("volatool.api", "stats"),
     "stream": ("volatool.points.reader", "stream"),
@@ -51,8 +55,10 @@ __all__ = [
     "__version__",
     "classify",
     "convert",
+    "diff",
     "export_volume",
     "import_points",
+    "merge",
     "open",
     "stats",
     "stream",

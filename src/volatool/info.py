@@ -16,12 +16,13 @@ def describe(path: Path) -> dict[str, Any]:
     Parameters
     ----------
     path : pathlib.Path
-        LAS, LAZ, COPC, VOLA (gzip or not), or an elevation model; told by content.
+        LAS, LAZ, COPC, VOLA (gzip or not), an elevation model, or a ``.vola`` index; told by
+        content.
 
     Returns
     -------
     facts : dict
-        ``kind`` ("points", "volume", "dem"), ``name``, ``bytes`` and what the kind has.
+        ``kind`` ("points", "volume", "dem", "index"), ``name``, ``bytes`` and what the kind has.
 
     Raises
     ------
@@ -42,6 +43,8 @@ def describe(path: Path) -> dict[str, Any]:
         return {**facts, "kind": "points", **_points(path)}
     if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
         return {**facts, "kind": "dem", **_dem(path)}
+    if path.suffix.lower() == ".vola" or head.lstrip()[:1] == b"{":
+        return {**facts, "kind": "index", **_index(path)}
     return {**facts, "kind": "volume", **_volume(path)}
 
 
@@ -96,6 +99,18 @@ def _dem(path: Path) -> dict[str, Any]:
     from volatool.dem.geotiff import read_profile
 
     return read_profile(path)
+
+
+def _index(path: Path) -> dict[str, Any]:
+    from volatool.formats.vola_index import read_index
+
+    index = read_index(path)
+    return {
+        **index.content,
+        "files": len(index.files),
+        "missing": [one.filename for one in index.files if one.path is None],
+        "depths": sorted({one.content["depth"] for one in index.files if "depth" in one.content}),
+    }
 
 
 def describe_text(facts: dict[str, Any]) -> str:

@@ -51,11 +51,11 @@ class Reference:
         """
         from volatool.points.crs import difference
 
-        found = difference(self.crs, crs)
+        found = difference(crs, self.crs)
         if found is not None:
             raise CRSError(
-                f"{name}: --cube-from {self.name} and the points are not in the same CRS: "
-                f"{found}; give --to-crs, or --crs where the file is wrong"
+                f"{name}: is not in the CRS of --cube-from {self.name}: {found}; convert it with "
+                "--to-crs, or with --crs where the file is wrong"
             )
 
 

@@ -57,7 +57,7 @@ class ValidationReport:
     path : str
         The file.
     kind : str
-        ``"sparse"``, ``"dense"``, ``"dem"``, ``"report"`` or ``"unknown"``.
+        ``"sparse"``, ``"dense"``, ``"dem"``, ``"report"``, ``"index"`` or ``"unknown"``.
     problems : tuple of Problem
         What is wrong; empty when all is well.
     warnings : tuple of CodedWarning
@@ -95,7 +95,8 @@ def validate_file(path: Path | str, *, size_limit: int | None = None) -> Validat
     Parameters
     ----------
     path : path
-        A VOLA file (gzip or not), an elevation model (``.tif``) or a report (``.json``).
+        A VOLA file (gzip or not), an elevation model (``.tif``), a report (``.json``) or an index
+        (``.vola``).
     size_limit : int, optional
         Bytes of a volume that may be unpacked or kept in memory; that of `open_volume` by default.
 
@@ -112,6 +113,8 @@ def validate_file(path: Path | str, *, size_limit: int | None = None) -> Validat
             return ValidationReport(str(path), "dem", tuple(_dem_problems(path)))
         if name.endswith(".json"):
             return ValidationReport(str(path), "report", tuple(_report_problems(path)))
+        if name.endswith(".vola"):
+            return ValidationReport(str(path), "index", tuple(_index_problems(path)))
         return _volume_report(path, size_limit)
     except VolatoolError as error:
         return ValidationReport(str(path), _kind_of(name), (Problem.of(error),))
@@ -122,6 +125,8 @@ def _kind_of(name: str) -> str:
         return "dem"
     if name.endswith(".json"):
         return "report"
+    if name.endswith(".vola"):
+        return "index"
     name = name.removesuffix(".gz")
     return {".vol": "sparse", ".dvol": "dense"}.get(Path(name).suffix, "unknown")
 
@@ -189,3 +194,28 @@ def _report_problems(path: Path) -> Iterator[Problem]:
 
     for fault in jsonschema.Draft202012Validator(schema()).iter_errors(document):
         yield Problem("E_NOT_REPORT", f"{path}: {fault.json_path}: {fault.message}")
+
+
+def _index_problems(path: Path) -> Iterator[Problem]:
+    """Tell files that an index names and are not there, or are not as it says."""
+    from volatool.formats.registry import read_info
+    from volatool.formats.vola_index import entry, read_index
+
+    for one in read_index(path).files:
+        if one.path is None:
+            yield Problem("E_NOT_FOUND", f"{path}: {one.filename} is not there")
+            continue
+        try:
+            header = read_info(one.path).header
+        except VolatoolError as error:
+            yield Problem.of(error)
+            continue
+        expected = entry(one.filename, header, None)
+        for key in ("bbox", "crs", "depth", "nbits"):
+            told = one.content.get(key)
+            if told != expected[key] and not (told is None and key in ("depth", "nbits")):
+                yield Problem(
+                    "E_CORRUPT",
+                    f"{path}: {one.filename}: {key} is {told} in the index, {expected[key]} in "
+                    "the file; index the folder again",
+                )

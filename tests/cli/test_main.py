@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,8 +21,13 @@ CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-check
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
+<<<<<<< HEAD
     "doctor", "export", "import",
+=======
+    "doctor", "export", "import", "index",
+>>>>>>> algebra
 ]  # fmt: skip
+COMMANDS += ["diff", "merge"]
 
 
 def help_of(name):
@@ -83,6 +89,19 @@ def test_the_examples_of_the_help_run(name, volatool):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():
             made.unlink()
+    if name in ("diff", "merge"):
+        assert volatool("convert", "tile.laz", "-q", "--no-dem").returncode == 0
+        (folder / "cubes").mkdir()
+        for made in ("may", "june", "other", "cubes/a"):
+            shutil.copy(folder / "tile.vol.gz", folder / f"{made}.vol.gz")
+    if name == "import":
+        for suffix, separator in ((".xyz", " "), (".csv", ",")):
+            rows = (separator.join(map(str, (k, k % 7, k % 3, 9, 5))) for k in range(40))
+            (folder / f"cloud{suffix}").write_text("\n".join(rows))
+        (folder / "scan.npy").write_bytes(npy_bytes(scan()))
+    if name == "index":
+        done = volatool("convert", "tile.laz", "-q", "-o", "out", "--cell", "2m")
+        assert done.returncode == 0, done.stderr
     if name == "emap":
         (folder / "scans").mkdir()
         (folder / "scans" / "0.pcd").write_bytes(pcd_bytes(scan()))
@@ -100,7 +119,10 @@ def test_the_examples_of_the_help_run(name, volatool):
     for number, example in enumerate(examples):
         words = shlex.split(example)
         if "-o" in words:
-            words[words.index("-o") + 1] = f"out{number}"
+            place = words.index("-o") + 1
+            words[place] = f"out{number}" + "".join(Path(words[place]).suffixes)
+        if name == "index":
+            words.append("--overwrite")
         line = " ".join(word if word in "|" else shlex.quote(word) for word in words)
         line = line.replace("volatool ", f"{shlex.quote(sys.executable)} -m volatool_cli ")
         done = subprocess.run(

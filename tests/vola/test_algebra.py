@@ -21,6 +21,7 @@ from volatool.errors import CRSError, InputError, OptionError
 from volatool.formats.registry import open_volume
 from volatool.model import Bounds, CrsInfo
 from volatool.vola.algebra import combine, crop, unite
+from volatool.vola.diff import diff
 from volatool.vola.prune import cells_box, cells_range, prune
 from volatool.vola.volume import Volume, VolumeInfo
 
@@ -373,3 +374,22 @@ def test_volume_in_cubic_units():
                                info=VolumeInfo(quantizer="unknown"))  # fmt: skip
     assert rounded.volume() == 8.0
     assert rounded.volume_m3() is None
+
+
+@settings(max_examples=40, deadline=None)
+@given(VOXELS, VOXELS, st.sampled_from(sorted(OPS)))
+def test_stored_blocks_without_a_voxel_do_no_harm(one, other, op):
+    """Files without metadata may have them (W_EMPTY_BLOCKS); results have none."""
+    a, b = volume_of(one, 3, metadata=False), volume_of(other, 3, metadata=False)
+    if int(a.levels[0][0]) & 1 == 0:
+        root = a.levels[0] | np.uint64(1)
+        levels = (root, np.insert(a.levels[1], 0, np.uint64(0)), a.levels[2])
+        a = Volume(levels, None, a.cube, a.info)
+    for left, right in ((a, b), (b, a)):
+        expected = OPS[op](twin.voxel_set(left), twin.voxel_set(right))
+        result = combine(left, right, op)
+        assert [list(words) for words in result.levels] == naive.sparse_levels(expected, 3)
+    found = diff(a, b)
+    assert (found.n_added, found.n_removed) == (len(other - one), len(one - other))
+    bounds = Bounds(10.0, 20.0, 10.05, 30.0)
+    assert twin.voxel_set(crop(a, bounds)) == {v for v in one if v[0] <= 2}

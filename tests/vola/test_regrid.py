@@ -116,6 +116,15 @@ def test_sizes_that_make_no_sense_are_refused_before_any_work(monkeypatch):
     assert e.value.code == "E_SIZE"
 
 
+def test_pieces_make_no_difference(monkeypatch):
+    """Cut after every few cells, or in the middle of empty voxels: the same volume."""
+    source = volume_of({(x, y, (x * y) % 16) for x in range(16) for y in range(16)})
+    cube = Cube((3.3, -2.0, 1.1), 11.0)
+    whole = regrid(source, cube, 3)
+    monkeypatch.setattr("volatool.vola.regrid._PIECE", 5)
+    assert making.same(regrid(source, cube, 3), whole)
+
+
 def test_numbers_beyond_64_bits_are_still_exact():
     """Corners and sides of odd decimals need larger integers than the machine's."""
     odd = Cube.from_exact([Fraction(1, 10**19 + 51)] * 3, Fraction(16) + Fraction(1, 10**17 + 3))

@@ -587,8 +587,8 @@ def read_profile(path: Path) -> dict[str, Any]:
     -------
     facts : dict
         ``width``, ``height``, ``cell``, ``bounds`` (left, bottom, right, top), ``dtype``,
-        ``nodata``, ``unit``, ``description``, ``crs_name``, ``crs_wkt2``, ``overviews``,
-        ``layout``, ``statistics``, ``tags``.
+        ``block`` (rows, columns of a tile of the file), ``nodata``, ``unit``, ``description``,
+        ``crs_name``, ``crs_wkt2``, ``overviews``, ``layout``, ``statistics``, ``tags``.
 
     Raises
     ------
@@ -607,6 +607,7 @@ def read_profile(path: Path) -> dict[str, Any]:
             "cell": file.transform.a,
             "bounds": list(file.bounds),
             "dtype": file.dtypes[0],
+            "block": list(file.block_shapes[0]),
             "nodata": file.nodata,
             "unit": file.units[0],
             "description": file.descriptions[0],

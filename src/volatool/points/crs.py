@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, TypeAlias
 
+import numpy as np
 import pyproj
 import pyproj.database
 from pyproj.exceptions import CRSError as ForeignCRSError
@@ -182,6 +183,36 @@ def latlon(crs: CrsInfo, x: float, y: float) -> tuple[float, float] | None:
     return float(lat), float(lon)
 
 
+def lonlat(crs: CrsInfo, x: F64, y: F64) -> tuple[F64, F64] | None:
+    """
+    Return longitudes and latitudes in WGS 84, the coordinates of GeoJSON.
+
+    Parameters
+    ----------
+    crs : CrsInfo
+        Of the points; with its text, or at least a code.
+    x, y : (n,) arrays of float64
+        Easting and northing, or longitude and latitude.
+
+    Returns
+    -------
+    lon, lat : (n,) arrays of float64, or None
+        Degrees, infinite where there is no such place; None without a CRS or way from it.
+    """
+    text = crs.wkt2 or crs.horizontal
+    if text is None:
+        return None
+    try:
+        horizontal, _ = split(pyproj.CRS.from_user_input(text))
+        if horizontal.is_geocentric:
+            return None
+        transformer = pyproj.Transformer.from_crs(horizontal, "EPSG:4326", always_xy=True)
+        lon, lat = transformer.transform(x, y)
+    except (ForeignCRSError, ProjError):
+        return None
+    return np.asarray(lon, np.float64), np.asarray(lat, np.float64)
+
+
 @dataclass(frozen=True, slots=True)
 class Mover:
     """
@@ -258,15 +289,18 @@ def difference(one: CrsInfo, other: CrsInfo) -> str | None:
     if None not in metres and metres[0] != metres[1]:
         return f"x and y in {one.unit_xy} and in {other.unit_xy}"
     if one.z_ratio != other.z_ratio:
-        return f"heights in {one.unit_z or one.unit_xy} and in {other.unit_z or other.unit_xy}"
-    if one.wkt2 is None or other.wkt2 is None or one.wkt2 == other.wkt2:
-        return None
+        units = [crs.unit_z or crs.unit_xy or "an unknown unit" for crs in (one, other)]
+        return f"heights in {units[0]} and in {units[1]}"
     pairs = ((one.horizontal, other.horizontal), (one.vertical, other.vertical))
-    for i, names in enumerate(pairs):
-        if None in names or names[0] == names[1]:
+    for i, (name, another) in enumerate(pairs):
+        if name is None or another is None or name == another:
             continue
-        if not _are_equal(_part(one.wkt2, i), _part(other.wkt2, i)):
-            return f"{names[0]} and {names[1]}"
+        if one.wkt2 is None or other.wkt2 is None:  # a header alone: only codes can be compared
+            is_same = not (name.startswith("EPSG:") and another.startswith("EPSG:"))
+        else:
+            is_same = _are_equal(_part(one.wkt2, i), _part(other.wkt2, i))
+        if not is_same:
+            return f"{name} and {another}"
     return None
 
 

@@ -9,9 +9,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from volatool.errors import InputError, OptionError
+from volatool.errors import OptionError
 from volatool.model import I64, U64, Bounds, as_fraction
-from volatool.vola.grid import check_crs, check_grid, is_rounded, same_cube
+from volatool.vola.grid import check_crs, check_grid, is_rounded, same_cube, same_grid
 from volatool.vola.info import VolumeInfo
 from volatool.vola.prune import cells_box, prune, pruned
 from volatool.vola.rescale import Table, apply_table, common_channels
@@ -249,6 +249,7 @@ def _described(op: str, volumes: Sequence[Volume], result: Volume) -> VolumeInfo
         warnings=(),
         source_name=_names([info.source_name for info in infos], op),
     )
+    sources = [(info.source_name, info.source_bytes) for info in infos]  # --split: one for many
     if op == "or":
         boxes = [info.box for info, one in zip(infos, volumes, strict=True) if len(one)]
         box = None
@@ -259,7 +260,7 @@ def _described(op: str, volumes: Sequence[Volume], result: Volume) -> VolumeInfo
             info,
             box=box,
             n_points=_total([info.n_points for info in infos]),
-            source_bytes=_total([info.source_bytes for info in infos]),
+            source_bytes=_total([size for _, size in dict.fromkeys(sources)]),
         )
     box = infos[0].box if op in ("and", "sub") else None
     loose = replace(result, info=replace(info, box=box))
@@ -299,9 +300,7 @@ def aligned(a: Volume, b: Volume, *, resample: bool = False) -> tuple[Volume, Vo
         from volatool.vola.regrid import as_cells, regrid
 
         check_crs(a, b)
-        try:
-            check_grid(a, b)
-        except InputError:
+        if not same_grid(a, b):
             a = as_cells(a)
             if not same_cube(a, b):
                 b = regrid(b, a.cube, a.depth)

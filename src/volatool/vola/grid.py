@@ -54,6 +54,11 @@ def same_cube(a: Volume, b: Volume) -> bool:
     return near and is_rounded(a) == is_rounded(b)
 
 
+def same_grid(a: Volume, b: Volume) -> bool:
+    """Whether two volumes are on the same grid, but for levels that one may drop."""
+    return same_cube(a, b) and not (is_rounded(a) and a.depth != b.depth)
+
+
 def check_grid(a: Volume, b: Volume) -> None:
     """
     Raise if two volumes are not on the same grid, but for their depths.
@@ -78,9 +83,3 @@ def check_grid(a: Volume, b: Volume) -> None:
             "same grid: it rounds to other places at each depth; resample (--resample)",
             "E_GRID",
         )
-
-
-def same_depth(a: Volume, b: Volume) -> tuple[Volume, Volume]:
-    """Return both volumes to the smaller one of their depths."""
-    depth = min(a.depth, b.depth)
-    return a.truncated(depth), b.truncated(depth)

@@ -110,7 +110,7 @@ def pruned(volume: Volume, deepest: U64, info: VolumeInfo | None = None) -> Volu
     return replace(result, info=replace(volume.info, box=box, n_points=None))
 
 
-_SLABS = np.array(
+SLABS = np.array(
     [
         [0x1111111111111111 << digit for digit in range(4)],
         [0x000F000F000F000F << 4 * digit for digit in range(4)],
@@ -151,13 +151,13 @@ def _extreme(volume: Volume, ranks: Sequence[I64], axis: int, digits: range) -> 
     index = 0
     for words, rank in zip(volume.levels, ranks, strict=True):
         here = words[blocks]
-        digit = next(d for d in digits if (here & _SLABS[axis, d]).any())
+        digit = next(d for d in digits if (here & SLABS[axis, d]).any())
         index = 4 * index + digit
         before = rank[blocks] - np.bitwise_count(here)
         children = []
         for bit in range(64):
             flag = np.uint64(1 << bit)
-            if flag & _SLABS[axis, digit]:
+            if flag & SLABS[axis, digit]:
                 has = (here & flag) != 0
                 children.append(before[has] + np.bitwise_count(here[has] & (flag - np.uint64(1))))
         blocks = np.concatenate(children)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -11,14 +11,16 @@ import numpy as np
 
 from volatool.cube import MAX_DEPTH, Cube
 from volatool.errors import OptionError, ResourceError
-from volatool.model import I32, I64, U64
+from volatool.model import I32, I64
 from volatool.vola.build import from_keys
 from volatool.vola.grid import is_rounded
 from volatool.vola.prune import cells_box
 from volatool.vola.volume import Volume
 
-MAX_CELLS = 1 << 28
-"""Cells that the voxels of a source may be split into."""
+MAX_CELLS = 1 << 27
+"""Cells that the voxels of a source may be split into: 16 bytes each, and as many to sort them."""
+
+_PIECE = 1 << 18
 
 
 def as_cells(volume: Volume) -> Volume:
@@ -86,7 +88,7 @@ def regridded(volume: Volume, cube: Cube, depth: int) -> tuple[Volume, int]:
     Raises
     ------
     ResourceError
-        ``E_SIZE``: source or target deeper than 10 levels, or more than 2**28 cells.
+        ``E_SIZE``: source or target deeper than 10 levels, or more than 2**27 cells.
     OptionError
         ``E_GRID``: the cube is a single place.
     """
@@ -94,18 +96,33 @@ def regridded(volume: Volume, cube: Cube, depth: int) -> tuple[Volume, int]:
         if not 1 <= levels <= MAX_DEPTH:
             raise ResourceError(f"a grid has 1 to {MAX_DEPTH} levels, got {levels}", "E_SIZE")
     axes = [_axis(volume, cube, depth, axis) for axis in range(3)]
-    cells, rows, n_lost = _cells(volume.voxels(), axes)
+    voxels = volume.voxels()
+    metadata = volume.metadata() if volume.has_metadata else None
+    n_each = _sizes(voxels, axes)
+    total = int(n_each.sum())
+    if total > MAX_CELLS:
+        raise ResourceError(
+            f"the voxels would be split into {total} cells, at most {MAX_CELLS} are made; give a "
+            "smaller depth",
+            "E_SIZE",
+        )
     from volatool.kernels.quantize import cell_keys
 
-    keys: U64 = cell_keys(cells)
-    metadata = volume.metadata()[rows] if volume.has_metadata else None
+    keys, words = np.empty(total, np.uint64), np.empty(0 if metadata is None else total, np.uint64)
+    n_lost, place = int(np.count_nonzero(n_each == 0)), 0
+    for piece in _pieces(n_each):  # the work arrays of a piece are small, the keys are not
+        cells, rows = _cells(voxels[piece], axes, n_each[piece])
+        keys[place : place + len(cells)] = cell_keys(cells)
+        if metadata is not None:
+            words[place : place + len(cells)] = metadata[piece][rows]
+        place += len(cells)
     info = replace(
         volume.info,
         quantizer="floor",
         n_points=None if n_lost else volume.info.n_points,
         warnings=(),
     )
-    result = from_keys(keys, depth, cube, info, metadata)
+    result = from_keys(keys, depth, cube, info, None if metadata is None else words)
     if n_lost:
         result = replace(result, info=replace(result.info, box=cells_box(result)))
     return result, n_lost
@@ -173,24 +190,36 @@ def _floor(numbers: Sequence[int], slope: Fraction, start: Fraction) -> I64:
     )
 
 
-def _cells(voxels: I32, axes: list[_Axis]) -> tuple[I32, I64, int]:
-    """Target cells of voxels, the voxel of each, and how many voxels have none."""
-    firsts = np.column_stack([axis.first[voxels[:, i]] for i, axis in enumerate(axes)])
-    lasts = np.column_stack([axis.last[voxels[:, i]] for i, axis in enumerate(axes)])
-    spans = np.maximum(lasts - firsts + 1, 0)
-    n_each = spans.prod(axis=1)
-    total = int(n_each.sum())
-    if total > MAX_CELLS:
-        raise ResourceError(
-            f"the voxels would be split into {total} cells, at most {MAX_CELLS} are made; give a "
-            "smaller depth",
-            "E_SIZE",
-        )
+def _sizes(voxels: I32, axes: list[_Axis]) -> I64:
+    """How many target cells each voxel sets."""
+    sizes = np.ones(len(voxels), np.int64)
+    for i, axis in enumerate(axes):
+        spans = np.maximum(axis.last - axis.first + 1, 0)
+        sizes *= spans[voxels[:, i]]
+    return sizes
+
+
+def _pieces(n_each: I64) -> Iterator[slice]:
+    """Cut the voxels into runs of about as many cells each."""
+    ends = np.cumsum(n_each)
+    start = 0
+    while start < len(n_each):
+        before = ends[start - 1] if start else 0
+        stop = int(np.searchsorted(ends, before + _PIECE, side="right"))
+        stop = min(max(stop, start + 1), start + _PIECE)
+        yield slice(start, stop)
+        start = stop
+
+
+def _cells(voxels: I32, axes: list[_Axis], n_each: I64) -> tuple[I32, I64]:
+    """Target cells of voxels, and the voxel of each."""
     rows = np.repeat(np.arange(len(voxels)), n_each)
-    number = np.arange(total) - np.repeat(np.cumsum(n_each) - n_each, n_each)
-    cells = np.empty((total, 3), np.int32)
-    for i in range(3):
-        span = spans[rows, i]
-        cells[:, i] = firsts[rows, i] + number % span
+    number = np.arange(len(rows)) - np.repeat(np.cumsum(n_each) - n_each, n_each)
+    cells = np.empty((len(rows), 3), np.int32)
+    for i, axis in enumerate(axes):
+        own = voxels[rows, i]
+        first = axis.first[own]
+        span = axis.last[own] - first + 1
+        cells[:, i] = first + number % span
         number //= span
-    return cells, rows, int(np.count_nonzero(n_each == 0))
+    return cells, rows

@@ -1,0 +1,174 @@
+"""Bits of a volume that are far from all bits of another one, across block borders."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from volatool.kernels._jit import kernel
+from volatool.kernels.contiguity import popcount
+
+_ONE = np.uint64(1)
+
+
+@kernel
+def _spread_axis(word, axis, low, high):
+    """All copies of a block moved by `low` to `high` cells along an axis; what leaves is cut."""
+    low, high = max(low, -3), min(high, 3)
+    result = np.uint64(0)
+    for step in range(low, high + 1):
+        moved = word
+        size = np.uint64(abs(step))
+        if axis == 0:
+            if step > 0:
+                moved = (word << size) & (
+                    np.uint64(0x1111111111111111) * ((np.uint64(15) << size) & np.uint64(15))
+                )
+            elif step < 0:
+                moved = (word >> size) & (np.uint64(0x1111111111111111) * (np.uint64(15) >> size))
+        elif axis == 1:
+            if step > 0:
+                mask = (np.uint64(0xFFFF) << (np.uint64(4) * size)) & np.uint64(0xFFFF)
+                moved = (word << (np.uint64(4) * size)) & (np.uint64(0x0001000100010001) * mask)
+            elif step < 0:
+                mask = np.uint64(0xFFFF) >> (np.uint64(4) * size)
+                moved = (word >> (np.uint64(4) * size)) & (np.uint64(0x0001000100010001) * mask)
+        elif step > 0:
+            moved = word << (np.uint64(16) * size)
+        elif step < 0:
+            moved = word >> (np.uint64(16) * size)
+        result |= moved
+    return result
+
+
+@kernel
+def spread(word, x, y, z, reach):
+    """
+    Cells of a block that are near the cells of another one.
+
+    Parameters
+    ----------
+    word : uint64
+        Cells of the other block.
+    x, y, z : int
+        Where it is, in blocks: -1, 0 or 1 on each axis.
+    reach : int
+        Cells on each axis (Chebyshev), 0 to 4.
+
+    Returns
+    -------
+    near : uint64
+    """
+    near = _spread_axis(word, 0, 4 * x - reach, 4 * x + reach)
+    near = _spread_axis(near, 1, 4 * y - reach, 4 * y + reach)
+    return _spread_axis(near, 2, 4 * z - reach, 4 * z + reach)
+
+
+@kernel
+def _child_of(neighbours, block, words, ranks, x, y, z):
+    """Block of the next level at cell x, y, z (-1 to 4) of a block or its neighbours, or -1."""
+    place = neighbours[block, (x >> 2) + 1 + 3 * ((y >> 2) + 1) + 9 * ((z >> 2) + 1)]
+    if place < 0:
+        return np.int64(-1)
+    flag = _ONE << np.uint64((x & 3) + 4 * (y & 3) + 16 * (z & 3))
+    word = words[place]
+    if not word & flag:
+        return np.int64(-1)
+    return ranks[place] + popcount(word & (flag - _ONE))
+
+
+@kernel
+def neighbour_children(cells, neighbours, words, ranks, n_cells):
+    """
+    Find the 27 blocks of another volume around each cell, one level down.
+
+    Parameters
+    ----------
+    cells : (n,) array of uint64
+        For each block the cells that are asked for.
+    neighbours : (n, 27) array of int32
+        Blocks of the other volume around each block, x fastest, its own place in the middle; -1
+        where there is none.
+    words, ranks : (m,) arrays of uint64, int64
+        The other volume's words of this level, and the set bits before each.
+    n_cells : int
+        Set bits of `cells`.
+
+    Returns
+    -------
+    children : (n_cells, 27) array of int32
+        The same for each set bit, in the next level of the other volume.
+    """
+    children = np.empty((n_cells, 27), np.int32)
+    place = 0
+    for i in range(cells.size):
+        word = cells[i]
+        while word:
+            low = word & (~word + _ONE)
+            bit = popcount(low - _ONE)
+            x, y, z = bit & 3, (bit >> 2) & 3, bit >> 4
+            for k in range(27):
+                children[place, k] = _child_of(
+                    neighbours, i, words, ranks, x + k % 3 - 1, y + k // 3 % 3 - 1, z + k // 9 - 1
+                )
+            place += 1
+            word ^= low
+    return children
+
+
+@kernel
+def far_bits(bits, cells, neighbours, words, ranks, deepest, reach):
+    """
+    Keep the bits that have no bit of another volume near them.
+
+    Parameters
+    ----------
+    bits : (k,) array of uint64
+        For each set bit of `cells` the bits of its block one level down.
+    cells, neighbours, words, ranks
+        As in `neighbour_children`.
+    deepest : (j,) array of uint64
+        The other volume's words one level down.
+    reach : int
+        Cells on each axis, 0 to 4.
+
+    Returns
+    -------
+    far : (k,) array of uint64
+    """
+    far = np.empty(bits.size, np.uint64)
+    # only cells at a face, edge or corner can be near the block beyond it
+    border = np.empty(27, np.uint64)
+    order = np.empty(26, np.int64)  # faces, then edges, then corners: the likelier first
+    n_ordered = 0
+    for away in range(1, 4):
+        for k in range(27):
+            dx, dy, dz = k % 3 - 1, k // 3 % 3 - 1, k // 9 - 1
+            if abs(dx) + abs(dy) + abs(dz) == away:
+                border[k] = spread(~np.uint64(0), dx, dy, dz, reach)
+                order[n_ordered] = k
+                n_ordered += 1
+    place = 0
+    for i in range(cells.size):
+        word = cells[i]
+        while word:
+            low = word & (~word + _ONE)
+            bit = popcount(low - _ONE)
+            x, y, z = bit & 3, (bit >> 2) & 3, bit >> 4
+            rest = bits[place]
+            if rest:  # the block itself first: most are done with it
+                own = _child_of(neighbours, i, words, ranks, x, y, z)
+                if own >= 0:
+                    rest &= ~spread(deepest[own], 0, 0, 0, reach)
+            for k in order:
+                if not rest:
+                    break
+                if not rest & border[k]:
+                    continue
+                dx, dy, dz = k % 3 - 1, k // 3 % 3 - 1, k // 9 - 1
+                other = _child_of(neighbours, i, words, ranks, x + dx, y + dy, z + dz)
+                if other >= 0:
+                    rest &= ~spread(deepest[other], dx, dy, dz, reach)
+            far[place] = rest
+            place += 1
+            word ^= low
+    return far

@@ -1,0 +1,335 @@
+"""What changed between two volumes, and what of it is more than the noise of a voxel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from volatool.cube import MAX_DEPTH
+from volatool.errors import OptionError
+from volatool.model import F64, I32, I64, U64, Bool
+from volatool.vola.algebra import Pairing, aligned, pairings
+from volatool.vola.grid import is_rounded, same_grid
+from volatool.vola.volume import Volume
+
+MAX_NOISE = 4
+"""Most voxels of noise: no farther than the neighbouring block."""
+
+_FEW = 1 << 20
+
+NOISE = 1
+MIN_VOXELS = 4
+
+By = Literal["column", "block"]
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """
+    Changed voxels by place.
+
+    Parameters
+    ----------
+    level : int
+        Whose blocks (4 x 4 x 4 cells) the places are.
+    by : str
+        ``"block"``, or ``"column"``: all blocks above each other are one place.
+    blocks : (n, 3) array of int32
+        x, y, z of each place among the blocks of the level, by z, then y, then x; z is 0 for
+        columns.
+    added, removed : (n,) arrays of int64
+        Voxels that only the second or only the first volume has.
+    significant_added, significant_removed : (n,) arrays of int64
+        Those of them that are not noise-like.
+    first, last : (n,) arrays of int64
+        Lowest and highest layer of voxels that changed.
+    is_significant : (n,) array of bool
+        At least the least number of voxels are not noise-like.
+    """
+
+    level: int
+    by: By
+    blocks: I32
+    added: I64
+    removed: I64
+    significant_added: I64
+    significant_removed: I64
+    first: I64
+    last: I64
+    is_significant: Bool
+
+    def __len__(self) -> int:
+        return len(self.added)
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceChange:
+    """
+    How the highest voxels of columns of voxels moved.
+
+    Parameters
+    ----------
+    n_both, n_added, n_removed : int
+        Columns of voxels that both volumes have, only the second, only the first.
+    raised, lowered : int
+        Layers by which the highest voxel of columns of both went up, and down, summed over those
+        that moved by more than the noise.
+    net : int
+        Layers up less layers down of all columns of both.
+    """
+
+    n_both: int
+    n_added: int
+    n_removed: int
+    raised: int
+    lowered: int
+    net: int
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """
+    What changed from one volume to another.
+
+    Parameters
+    ----------
+    a, b : Volume
+        The first and the second, on one grid and of one depth.
+    is_resampled : bool
+        Whether one had to be brought to the grid of the other.
+    noise, min_voxels : int
+        As given to `diff`.
+    n_both, n_added, n_removed : int
+        Voxels of both, of `b` only, of `a` only.
+    n_significant_added, n_significant_removed : int
+        Those that are not noise-like.
+    changes : Changes
+        By place.
+    """
+
+    a: Volume
+    b: Volume
+    is_resampled: bool
+    noise: int
+    min_voxels: int
+    n_both: int
+    n_added: int
+    n_removed: int
+    n_significant_added: int
+    n_significant_removed: int
+    changes: Changes
+
+    def at_significant_places(self) -> tuple[int, int]:
+        """Return how many voxels, noise-like or not, were added and removed at such places."""
+        changes = self.changes
+        chosen = changes.is_significant
+        return int(changes.added[chosen].sum()), int(changes.removed[chosen].sum())
+
+    def surface(self) -> SurfaceChange:
+        """Compare the highest voxels of columns; worked out at each call."""
+        return _surface_change(self.a, self.b, list(pairings(self.a, self.b, "or")), self.noise)
+
+    def corners(self, blocks: I32, level: int) -> F64:
+        """
+        Return the lower corners of blocks, in units of the CRS (z in the vertical unit).
+
+        Parameters
+        ----------
+        blocks : (n, 3) array of int
+            x, y, z; that of the next block is the upper one.
+        level : int
+            Whose blocks they are.
+        """
+        return self.faces(np.asarray(blocks, np.float64) * 4 ** (self.a.depth - level + 1))
+
+    def faces(self, voxels: F64) -> F64:
+        """Return where voxels begin, (n, 3), in units of the CRS (z in the vertical unit)."""
+        rounded = is_rounded(self.a)
+        step = float(self.a.cube.exact[3] / (4**self.a.depth - rounded))
+        places: F64 = np.asarray(self.a.cube.origin) + (voxels - rounded / 2) * step
+        places[..., 2] /= float(self.a.crs.z_ratio)
+        return places
+
+
+def diff(
+    a: Volume,
+    b: Volume,
+    *,
+    noise: int = NOISE,
+    min_voxels: int = MIN_VOXELS,
+    level: int | None = None,
+    by: By = "column",
+    resample: bool = False,
+) -> Difference:
+    """
+    Compare two volumes of one place.
+
+    Parameters
+    ----------
+    a, b : Volume
+        Before and after; on the same grid, as `vola.algebra.combine` takes them.
+    noise : int
+        A voxel that only one volume has is noise-like when the other has a voxel at most so many
+        voxels away on every axis (1: among its 26 neighbours, in whatever block). 0: none is. At
+        most 4.
+    min_voxels : int
+        So many voxels that are not noise-like make a place significant.
+    level : int, optional
+        Level whose blocks are the places; the deepest by default.
+    by : str
+        ``"column"`` or ``"block"``.
+    resample : bool
+        Bring `b` to the grid of `a` if it is on another one.
+
+    Returns
+    -------
+    difference : Difference
+        All counts exact. A surface that moves by one voxel, as point noise or another phase of
+        the grid makes it, is noise-like throughout with ``noise=1``.
+
+    Raises
+    ------
+    InputError, CRSError
+        As `combine`.
+    OptionError
+        An option out of its range.
+    """
+    _check(noise, min_voxels, by)
+    is_resampled = not same_grid(a, b)
+    a, b = aligned(a, b, resample=resample)
+    level = a.depth if level is None else level
+    if not 1 <= level <= a.depth:
+        raise OptionError(f"--level must be 1 to {a.depth}, the levels to compare, got {level}")
+    if by == "block" and level > MAX_DEPTH:  # numbers of blocks must fit 64 bits
+        raise OptionError(f"--by block goes to --level {MAX_DEPTH}, got {level}")
+    from volatool.kernels import algebra as kernels
+
+    steps = list(pairings(a, b, "or"))
+    last = steps[-1]
+    pair = (a.levels[-1], b.levels[-1], last.blocks_a, last.blocks_b)
+    added = kernels.pair_words(pair[1], pair[0], pair[3], pair[2], 3)
+    removed = kernels.pair_words(*pair, 3)
+    n_added, n_removed = _count(added), _count(removed)
+    far_added = _far(added, a, steps, noise, "a")
+    far_removed = _far(removed, b, steps, noise, "b")
+    found = [added, removed, far_added, far_removed]
+    return Difference(
+        a=a,
+        b=b,
+        is_resampled=is_resampled,
+        noise=noise,
+        min_voxels=min_voxels,
+        n_both=len(a) - n_removed,
+        n_added=n_added,
+        n_removed=n_removed,
+        n_significant_added=_count(far_added),
+        n_significant_removed=_count(far_removed),
+        changes=_changes(_block_cells(steps), found, a.depth, level, by, min_voxels),
+    )
+
+
+def _check(noise: int, min_voxels: int, by: str) -> None:
+    if not 0 <= noise <= MAX_NOISE:
+        raise OptionError(f"--noise must be 0 to {MAX_NOISE} voxels, got {noise}")
+    if min_voxels < 1:
+        raise OptionError(f"--min-voxels must be at least 1, got {min_voxels}")
+    if by not in ("column", "block"):
+        raise OptionError(f"by must be 'column' or 'block', got {by!r}")
+
+
+def _count(words: U64) -> int:
+    return int(np.bitwise_count(words).sum(dtype=np.int64))
+
+
+def _far(bits: U64, other: Volume, steps: list[Pairing], noise: int, which: str) -> U64:
+    """Return the bits of the last level that have no voxel of the other volume near them."""
+    if not noise:
+        return bits
+    from volatool.kernels import near as kernels
+
+    # the root as the only cell of a block of its own, so that every level is a step alike
+    cells = np.ones(1, np.uint64)
+    own = steps[0].blocks_a if which == "a" else steps[0].blocks_b
+    words, ranks = np.array([own[0] >= 0], np.uint64), np.zeros(1, np.int64)
+    neighbours = np.full((1, 27), -1, np.int32)
+    neighbours[0, 13] = 0
+    for level, step in enumerate(steps):
+        if level == len(steps) - 1:
+            return np.asarray(
+                kernels.far_bits(bits, cells, neighbours, words, ranks, other.levels[level], noise)
+            )
+        neighbours = kernels.neighbour_children(cells, neighbours, words, ranks, _count(cells))
+        cells, words, ranks = step.words, other.levels[level], _ranks(other.levels[level])
+    raise AssertionError("a volume has at least one level")
+
+
+def _ranks(words: U64) -> I64:
+    ranks = np.zeros(len(words), np.int64)
+    np.cumsum(np.bitwise_count(words[:-1]), out=ranks[1:])
+    return ranks
+
+
+def _block_cells(steps: list[Pairing]) -> I32:
+    """x, y, z of the blocks of the last level among themselves."""
+    from volatool.kernels.words import child_cells
+
+    cells = np.zeros((1, 3), np.int32)
+    for step in steps[:-1]:
+        cells = child_cells(step.words, cells, _count(step.words))
+    return cells
+
+
+def _changes(
+    cells: I32, found: list[U64], depth: int, level: int, by: By, min_voxels: int
+) -> Changes:
+    """Sum the blocks of the last level by place; those without a change are left out."""
+    from volatool.kernels.places import sum_places
+
+    bits = 2 * (level - 1)
+    numbers, n_numbers, named = _numbers(cells, 2 * (depth - level), bits, by)
+    sums = sum_places(numbers, cells, *found, n_numbers)
+    held = np.flatnonzero(sums[:, 5] >= 0)
+    sums = sums[held]
+    held = held if named is None else named[held]
+    low = (1 << bits) - 1
+    blocks = np.column_stack([held & low, held >> bits & low, held >> 2 * bits])
+    added, removed, far_added, far_removed, first, last = sums.T
+    return Changes(
+        level=level,
+        by=by,
+        blocks=blocks.astype(np.int32),
+        added=added,
+        removed=removed,
+        significant_added=far_added,
+        significant_removed=far_removed,
+        first=first,
+        last=last,
+        is_significant=far_added + far_removed >= min_voxels,
+    )
+
+
+def _numbers(cells: I32, shift: int, bits: int, by: By) -> tuple[I64, int, I64 | None]:
+    """Numbers of the places of blocks, how many there may be, and what they stand for."""
+    from volatool.kernels.places import place_numbers
+
+    numbers = place_numbers(cells, shift, bits, by == "column")
+    n_numbers = 1 << (2 if by == "column" else 3) * bits
+    if n_numbers <= _FEW + 4 * len(numbers):
+        return numbers, n_numbers, None
+    # a table of all places would be mostly empty
+    named, numbers = np.unique(numbers, return_inverse=True)
+    return numbers, len(named), named
+
+
+def _surface_change(a: Volume, b: Volume, steps: list[Pairing], noise: int) -> SurfaceChange:
+    from volatool.kernels.algebra import pair_words
+    from volatool.kernels.places import compare_tops, top_layers
+
+    cells, last = _block_cells(steps), steps[-1]
+    numbers, n_numbers, _ = _numbers(cells, 0, 2 * (a.depth - 1), "column")
+    pair = (a.levels[-1], b.levels[-1], last.blocks_a, last.blocks_b)
+    words = pair_words(*pair, 4), pair_words(pair[1], pair[0], pair[3], pair[2], 4)
+    tops = (top_layers(numbers, cells, one, n_numbers) for one in words)
+    return SurfaceChange(*compare_tops(*tops, noise).tolist())
