@@ -21,11 +21,7 @@ CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-check
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
-<<<<<<< HEAD
-    "doctor", "export", "import",
-=======
     "doctor", "export", "import", "index",
->>>>>>> algebra
 ]  # fmt: skip
 COMMANDS += ["diff", "merge"]
 
