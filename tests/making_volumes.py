@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 from fractions import Fraction
 
 import naive_formats as naive
 import numpy as np
 
 from volatool.cube import Cube
+from volatool.formats import dense, sparse
 from volatool.model import CrsInfo
 from volatool.vola.volume import Volume, VolumeInfo
 
@@ -60,6 +62,13 @@ def random_volume(depth=3, n=200, **options) -> Volume:
     rng = np.random.default_rng(n)
     voxels = {tuple(map(int, row)) for row in rng.integers(0, 4**depth, (n, 3))}
     return volume_of(voxels, depth, **options)
+
+
+def written(volume: Volume, mode: int = 0) -> bytes:
+    """Return a volume as a sparse (0) or dense (1) file with its trailer."""
+    stream = io.BytesIO()
+    (dense if mode else sparse).write(stream, volume)
+    return stream.getvalue()
 
 
 def same(a: Volume, b: Volume, *, metadata: bool = True) -> bool:

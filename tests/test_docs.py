@@ -18,11 +18,13 @@ PAGES = [
     "docs/how-to/dem.md",
     "docs/how-to/uncertainty.md",
     "docs/how-to/check-accuracy.md",
+    "docs/how-to/validate.md",
     "docs/how-to/compare.md",
     "docs/how-to/export-3d.md",
     "docs/how-to/export.md",
-    "docs/how-to/import.md",
     "docs/how-to/index.md",
+    "docs/how-to/import.md",
+    "docs/how-to/query.md",
 ]
 
 
@@ -84,6 +86,16 @@ def test_the_python_of_the_tutorial_runs(workplace):
         )
         assert done.returncode == 0, done.stderr
         assert "Volume depth 4" in done.stdout
+
+
+def test_the_python_of_the_page_on_queries_runs(workplace):
+    made = shell("volatool convert data_samples/town.laz --no-dem -o out", workplace)
+    assert made.returncode == 0
+    (code,) = blocks("docs/how-to/query.md", "python")
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=workplace, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_generated_pages_links_and_codes_are_up_to_date():

@@ -23,6 +23,7 @@ from volatool_cli.commands.import_ import import_
 from volatool_cli.commands.index import index
 from volatool_cli.commands.info import info
 from volatool_cli.commands.merge import merge
+from volatool_cli.commands.query import query
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
@@ -90,14 +91,15 @@ for command in (
     emap,
     import_,
     export,
+    query,
+    diff,
+    merge,
     index,
     validate,
     reproduce,
     doctor,
 ):
     cli.add_command(command)
-cli.add_command(diff)
-cli.add_command(merge)
 
 
 def main() -> NoReturn:

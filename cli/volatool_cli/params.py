@@ -111,6 +111,21 @@ class LengthOrZeroType(Base):
             self.fail(str(error), param, ctx)
 
 
+class NumbersType(Base):
+    """Comma-separated numbers."""
+
+    name = "N,N,..."
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a tuple of float."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            return tuple(float(part) for part in value.split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not a list of numbers, such as 0,2.5,10", param, ctx)
+
+
 class CodesType(Base):
     """Comma-separated whole numbers 0 to 255."""
 

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from volatool.errors import OptionError
 from volatool_cli.output import configure_logging, progress_of
+
+if TYPE_CHECKING:
+    from volatool.papers.result import Reproduction
 
 
 def reproduce_emap(arguments: dict[str, Any]) -> None:
@@ -19,10 +23,8 @@ def reproduce_emap(arguments: dict[str, Any]) -> None:
     arguments : dict
         The command's options by parameter name.
     """
-    from volatool.errors import OptionError
     from volatool.papers.emap import reproduce
     from volatool.papers.emap_scene import Drive
-    from volatool.report import dumps
     from volatool.resources import n_cores
 
     quiet = arguments["quiet"]
@@ -39,11 +41,59 @@ def reproduce_emap(arguments: dict[str, Any]) -> None:
             overwrite=arguments["overwrite"],
             progress=progress,
         )
+    _print(result, as_json=arguments["as_json"], quiet=quiet)
+
+
+def reproduce_vola(arguments: dict[str, Any]) -> None:
+    """
+    Make the VOLA paper's tables again; print Markdown or JSON, and on stderr what is missing.
+
+    Parameters
+    ----------
+    arguments : dict
+        The command's options by parameter name.
+    """
+    from volatool.batch.plan import expand
+    from volatool.naming import POINT_SUFFIXES, VOLUME_SUFFIXES
+    from volatool.options import ConvertOptions
+    from volatool.papers.vola import reproduce
+    from volatool_cli.run import stdin_names
+
+    quiet = arguments["quiet"]
+    configure_logging(quiet, arguments["verbose"], arguments["log"])
+    if arguments["outdir"] == "":
+        raise OptionError("--outdir is an empty name; is a shell variable unset?")
+    names = arguments["tiles"]
+    stdin = stdin_names(arguments["nul"]) if "-" in names else ()
+    paths = expand(names, stdin, POINT_SUFFIXES + VOLUME_SUFFIXES) if names else []
+    options = ConvertOptions(
+        crs=arguments["crs"],
+        crs_default=arguments["crs_default"],
+        to_crs=arguments["to_crs"],
+        resources=False,
+    )
+    with progress_of("reproduce vola", arguments["progress"], quiet) as progress:
+        result = reproduce(
+            paths,
+            options,
+            points=arguments["points"],
+            samples=arguments["samples"],
+            seed=arguments["seed"],
+            timing=not arguments["no_resources"],
+            outdir=None if arguments["outdir"] is None else Path(arguments["outdir"]),
+            overwrite=arguments["overwrite"],
+            progress=progress,
+        )
+    _print(result, as_json=arguments["as_json"], quiet=quiet)
+
+
+def _print(result: Reproduction, *, as_json: bool, quiet: bool) -> None:
+    """Print numbers or report on stdout, the rest on stderr."""
+    from volatool.report import dumps
+
     if not quiet:
         for warning in result.document["warnings"]:
             click.echo(f"{warning['code']}: {warning['message']}", err=True)
         for path in result.paths:
             click.echo(f"wrote {path}", err=True)
-    click.echo(dumps(result.document, 2) if arguments["as_json"] else result.markdown, nl=False)
-    if arguments["as_json"]:
-        click.echo()
+    click.echo(dumps(result.document, 2) + "\n" if as_json else result.markdown, nl=False)

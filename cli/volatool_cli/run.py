@@ -54,7 +54,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
 
     suffixes = _suffixes(kind, arguments.get("from_format"))
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
-    paths = expand(names, _stdin_names(nul) if "-" in names else (), suffixes)
+    paths = expand(names, stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)
 
     from volatool import resources
@@ -114,8 +114,15 @@ def convert_options(arguments: dict[str, Any]) -> ConvertOptions:
     return ConvertOptions(**arguments)
 
 
-def _stdin_names(nul: bool) -> list[str]:
-    """Return the names on stdin, which may hold any byte but the separator."""
+def stdin_names(nul: bool) -> list[str]:
+    """
+    Return the names on stdin, which may hold any byte but the separator.
+
+    Parameters
+    ----------
+    nul : bool
+        The separator is NUL, not the end of a line.
+    """
     data = sys.stdin.buffer.read()
     separator = b"\0" if nul else b"\n"
     names = [name.rstrip(b"\r") if not nul else name for name in data.split(separator)]

@@ -17,7 +17,7 @@ from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, InputError
 from volatool.model import F64, Bool
 from volatool.outputs import OutputSet
-from volatool.vola.algebra import voxel_size
+from volatool.vola.algebra import voxel_edge, voxel_size
 from volatool.vola.diff import Difference, diff
 from volatool.vola.volume import Volume
 
@@ -109,7 +109,7 @@ def document(
             "origin": list(a.cube.origin),
             "side": a.cube.side,
             "depth": a.depth,
-            "cell": a.cell(),
+            "cell": float(voxel_edge(a)),
             "unit": crs.unit_xy,
             "z_scale": float(crs.z_ratio),
             "resampled": difference.is_resampled,
@@ -132,7 +132,7 @@ def document(
         },
         "places": {
             "level": changes.level,
-            "edge": 4 * a.cell(changes.level),
+            "edge": float(voxel_edge(a) * 4 ** (a.depth - changes.level + 1)),
             "by": changes.by,
             "changed": len(changes),
             "significant": int(np.count_nonzero(changes.is_significant)),

@@ -3,48 +3,29 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from volatool.errors import CodedWarning, InputNotFoundError, VolatoolError
+from volatool.problems import Problem
 from volatool.vola.volume import Volume
 
-_OFFSET = re.compile(r"offset (\d+)")
 _REPAIRED = "W_ZERO_METADATA"
 
-
-@dataclass(frozen=True, slots=True)
-class Problem:
-    """
-    One thing that is wrong.
-
-    Parameters
-    ----------
-    code : str
-        Stable code, ``E_...``.
-    message : str
-        What was expected and what was found.
-    offset : int or None
-        Byte of the (unpacked) file.
-    """
-
-    code: str
-    message: str
-    offset: int | None = None
-
-    def __str__(self) -> str:
-        return f"{self.code}: {self.message}"
-
-    @classmethod
-    def of(cls, error: VolatoolError) -> Problem:
-        """Return the problem that an error tells of."""
-        found = _OFFSET.findall(str(error))
-        return cls(error.code, str(error), int(found[-1]) if found else None)
+LAYERS = ("flag", "count", "distance", "sigma")
+_SUFFIXES = (
+    ".vol",
+    ".vol.gz",
+    ".dvol",
+    ".dvol.gz",
+    ".stats.json",
+    ".dem.tif",
+    *(f".dem.{layer}.tif" for layer in LAYERS),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +99,83 @@ def validate_file(path: Path | str, *, size_limit: int | None = None) -> Validat
         return _volume_report(path, size_limit)
     except VolatoolError as error:
         return ValidationReport(str(path), _kind_of(name), (Problem.of(error),))
+
+
+def validate_files(
+    paths: Iterable[Path | str], *, whole_set: bool = False, size_limit: int | None = None
+) -> list[ValidationReport]:
+    """
+    Check files, and those of one tile against each other.
+
+    Parameters
+    ----------
+    paths : iterable of path
+        As for `validate_file`. Files of one folder whose names differ only in the suffix
+        (``x.vol.gz``, ``x.dvol.gz``, ``x.dem.tif``, ``x.stats.json``) belong to one tile.
+    whole_set : bool
+        Take in the other files of each tile that stand beside those given, and require those
+        that a report names.
+    size_limit : int, optional
+        As for `validate_file`.
+
+    Returns
+    -------
+    reports : list of ValidationReport
+        One per file, in the order given, those taken in after the one that they belong to. Files
+        that disagree have the problem ``E_MISMATCH``; those that are faulty by themselves are not
+        compared.
+    """
+    found: dict[Path, ValidationReport] = {}
+    for path in map(Path, paths):
+        for member in (path, *(_beside(path) if whole_set else ())):
+            if member not in found:
+                found[member] = validate_file(member, size_limit=size_limit)
+    tiles: dict[Path, list[Path]] = {}
+    for path in found:
+        tiles.setdefault(path.parent / _stem(path.name), []).append(path)
+    for members in tiles.values():
+        for path, problem in _set_problems(members, found, whole_set, size_limit):
+            report = found[path]
+            found[path] = replace(report, problems=(*report.problems, problem))
+    return list(found.values())
+
+
+def _stem(name: str) -> str:
+    """Return what the names of a tile's files begin with."""
+    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
+        if name.lower().endswith(suffix):
+            return name[: -len(suffix)]
+    return name
+
+
+def _beside(path: Path) -> Iterator[Path]:
+    """Yield the other files of a file's tile that are there."""
+    stem = _stem(path.name)
+    for suffix in _SUFFIXES if stem != path.name else ():
+        member = path.parent / (stem + suffix)
+        if member != path and member.is_file():
+            yield member
+
+
+def _set_problems(
+    members: list[Path],
+    found: dict[Path, ValidationReport],
+    whole_set: bool,
+    size_limit: int | None,
+) -> Iterator[tuple[Path, Problem]]:
+    sound = [path for path in members if found[path].ok]
+    reports = [path for path in sound if found[path].kind == "report"]
+    if len(sound) < 2 and not (whole_set and reports):
+        return
+    from volatool.agreement import TileFiles, disagreements
+
+    files = TileFiles(
+        tuple(path for path in sound if found[path].kind in ("sparse", "dense")),
+        tuple(path for path in sound if found[path].kind == "dem"),
+        reports[0] if reports else None,
+    )
+    limit = {} if size_limit is None else {"size_limit": size_limit}
+    yield from disagreements(files, complete=whole_set, **limit)
 
 
 def _kind_of(name: str) -> str:

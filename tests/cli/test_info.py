@@ -46,6 +46,31 @@ def test_validate_passes_what_we_write_and_fails_what_is_damaged(volatool):
     assert faulty[0]["problems"][0]["offset"] is not None or faulty[0]["problems"][0]["message"]
 
 
+def test_validate_holds_the_files_of_a_tile_against_each_other(volatool):
+    """By the report alone with --set; exit status 6, one line for each fault."""
+    given = ("convert", "forest.laz", "-o", "out", "--no-dem", "--depth", "3")
+    assert volatool(*given).returncode == 0
+    done = volatool("validate", "out/forest.stats.json", "--set")
+    assert done.returncode == 0
+    assert sorted(done.stdout.splitlines()) == [
+        "out/forest.dvol.gz: ok (dense)",
+        "out/forest.stats.json: ok (report)",
+        "out/forest.vol.gz: ok (sparse)",
+    ]
+    report = volatool.folder / "out" / "forest.stats.json"
+    document = json.loads(report.read_text())
+    document["levels"][2]["voxels"] += 1
+    report.write_text(json.dumps(document))
+    assert volatool("validate", report).returncode == 0
+    (volatool.folder / "out" / "forest.dvol.gz").unlink()
+    done = volatool("validate", report, "--set")
+    assert done.returncode == 6
+    faults = [line for line in done.stdout.splitlines() if line.startswith("  ")]
+    assert [line.split(":")[0] for line in faults] == ["  E_MISMATCH"] * 2
+    assert "names forest.dvol.gz, which is not beside it" in faults[0]
+    assert "level 3: voxels is" in faults[1]
+
+
 def test_doctor_names_backends_and_limits(volatool):
     facts = json.loads(volatool("doctor", "--json").stdout)
     assert "parallel" in facts["laz backend"].lower()

@@ -21,9 +21,8 @@ CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-check
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
-    "doctor", "export", "import", "index",
+    "doctor", "export", "import", "index", "diff", "merge", "query",
 ]  # fmt: skip
-COMMANDS += ["diff", "merge"]
 
 
 def help_of(name):
@@ -81,15 +80,10 @@ def test_the_examples_of_the_help_run(name, volatool):
         for suffix in (".dem.tif", ".dem.flag.tif"):
             (folder / f"town{suffix}").rename(folder / f"tile{suffix}")
         (folder / "checkpoints.csv").symlink_to(CHECKPOINTS)
-    if name in ("info", "validate", "stats", "dem", "export"):
+    if name in ("info", "validate", "stats", "dem", "export", "query"):
         assert volatool("convert", "tile.laz", "-q").returncode == 0
         for made in folder.glob("tile.dem*") if name == "dem" else ():
             made.unlink()
-    if name in ("diff", "merge"):
-        assert volatool("convert", "tile.laz", "-q", "--no-dem").returncode == 0
-        (folder / "cubes").mkdir()
-        for made in ("may", "june", "other", "cubes/a"):
-            shutil.copy(folder / "tile.vol.gz", folder / f"{made}.vol.gz")
     if name == "import":
         for suffix, separator in ((".xyz", " "), (".csv", ",")):
             rows = (separator.join(map(str, (k, k % 7, k % 3, 9, 5))) for k in range(40))
@@ -98,17 +92,17 @@ def test_the_examples_of_the_help_run(name, volatool):
     if name == "index":
         done = volatool("convert", "tile.laz", "-q", "-o", "out", "--cell", "2m")
         assert done.returncode == 0, done.stderr
+    if name in ("diff", "merge"):
+        assert volatool("convert", "tile.laz", "-q", "--no-dem").returncode == 0
+        (folder / "cubes").mkdir()
+        for made in ("may", "june", "other", "cubes/a"):
+            shutil.copy(folder / "tile.vol.gz", folder / f"{made}.vol.gz")
     if name == "emap":
         (folder / "scans").mkdir()
         (folder / "scans" / "0.pcd").write_bytes(pcd_bytes(scan()))
         (folder / "poses.csv").write_text("0 0 2\n")
         (folder / "names.txt").write_text("scans/0.pcd\n")
         (folder / "drive.npy").write_bytes(npy_bytes(scan()))
-    if name == "import":
-        for suffix, separator in ((".xyz", " "), (".csv", ",")):
-            rows = (separator.join(map(str, (k, k % 7, k % 3, 9, 5))) for k in range(40))
-            (folder / f"cloud{suffix}").write_text("\n".join(rows))
-        (folder / "scan.npy").write_bytes(npy_bytes(scan()))
     block = help_of(name).split("Examples:")[1].split("Options:")[0]
     examples = [line.strip() for line in block.splitlines() if line.strip()]
     assert examples

@@ -7,6 +7,7 @@ from pathlib import Path
 import making_volumes as making
 import numpy as np
 import pytest
+import toolkit_reader as toolkit
 from click.testing import CliRunner
 from making_tiles import hills, write_las
 
@@ -155,3 +156,19 @@ def test_outputs_and_inputs_are_checked_before_any_work(points):
     assert (done.exit_code, done.stderr.split(":")[0]) == (2, "E_OPTION")
     done = run("a/p.vol.gz", "--cube-from", "c.vol", "-o", "c.vol", "--overwrite")
     assert "is an input" in done.stderr
+
+
+def test_the_original_toolkit_reads_what_is_merged(points):
+    """By its own rules: voxels and words of a union, of what is left, and of nothing."""
+    reference = vt.convert(points, "all", depth=3, **QUIET).paths[0]
+    vt.convert(points, "part", cube_from=reference, bounds=(0, 0, 30, 50), **QUIET)
+    for op, name in (("or", "part/p.vol.gz"), ("sub", "part/p.vol.gz"), ("sub", "all/p.vol.gz")):
+        done = run("all/p.vol.gz", name, "--op", op, "-o", "m.vol", "--overwrite")
+        assert done.exit_code == 0, done.stderr
+        volume, reading = vt.open("m.vol"), toolkit.read(Path("m.vol").read_bytes())
+        assert (reading.depth, reading.nbits, reading.crs) == (3, 1, 25832)
+        assert [tuple(cell) for cell in reading.voxels] == [
+            tuple(row) for row in volume.voxels().tolist()
+        ]
+        assert reading.words == volume.metadata().tolist()
+        assert all(reading.metadata_words)

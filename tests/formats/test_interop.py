@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
-import struct
 from fractions import Fraction
 from pathlib import Path
 
+import golden_cases as golden
 import numpy as np
 import pytest
+import toolkit_reader as toolkit
 
 from volatool.cube import Cube
 from volatool.formats import dense, sparse
@@ -63,32 +64,6 @@ def exact(chunk: PointChunk, axis: int, value: int, ratio: Fraction) -> Fraction
     return (value * scale + offset) * (ratio if axis == 2 else 1)
 
 
-def original_reader(data: bytes) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Read as the original does: sizes, version, mode and everything after the levels ignored.
-
-    Returns the minimum corners of the cells and the metadata word of each voxel's block.
-    """
-    depth, nbits = data[7], struct.unpack_from("<I", data, 8)[0]
-    box = struct.unpack_from("<6d", data, 32)
-    place, blocks = 80, [(0, 0, 0)]
-    for _ in range(depth):
-        words = struct.unpack_from(f"<{len(blocks)}Q", data, place)
-        place += 8 * len(blocks)
-        metadata = struct.unpack_from(f"<{len(blocks)}Q", data, place) if nbits else ()
-        place += 8 * len(metadata)
-        cells, of_cells = [], []
-        for number, ((x, y, z), word) in enumerate(zip(blocks, words, strict=True)):
-            for bit in range(64):
-                if word >> bit & 1:
-                    cells.append((4 * x + bit % 4, 4 * y + bit // 4 % 4, 4 * z + bit // 16))
-                    of_cells.append(metadata[number] if nbits else 0)
-        blocks = cells
-    side = max(box[3 + axis] - box[axis] for axis in range(3))
-    corners = np.array(blocks) / 4**depth * side + np.array(box[:3])
-    return corners, np.array(of_cells, np.uint64)
-
-
 @pytest.mark.parametrize("depth", [2, 3, 4])
 @pytest.mark.parametrize("name", [FEET, MEGAPLOT])
 def test_the_original_reads_our_files_right(shared: Path, name: str, depth: int) -> None:
@@ -96,8 +71,9 @@ def test_the_original_reads_our_files_right(shared: Path, name: str, depth: int)
     volume, xyz = built(shared / name, depth)
     stream = io.BytesIO()
     sparse.write(stream, volume)
-    corners, words = original_reader(stream.getvalue())
-    assert np.array_equal(words, volume.metadata())
+    found = toolkit.read(stream.getvalue())
+    corners = np.array(found.coordinates())
+    assert np.array_equal(found.words, volume.metadata())
     assert np.allclose(corners, volume.cube.corners(volume.voxels(), depth), rtol=0, atol=1e-6)
     # the points against the reported cells, with an ulp of the coordinates
     cell = volume.cube.cell(depth)
@@ -129,3 +105,16 @@ def test_every_point_of_a_tile_is_contained(shared: Path, name: str, depth: int)
     if depth < 4:
         dense.write(stream := io.BytesIO(), volume)
         assert np.array_equal(open_volume(stream.getvalue()).keys(), volume.keys())
+
+
+@pytest.mark.parametrize("name", ["4_6_crop", "lonestar9", "megaplot"])
+def test_points_lie_in_the_voxels_that_the_toolkit_gave_them(shared: Path, name: str) -> None:
+    """Golden files and their inputs: ties too are decided as the toolkit did."""
+    cases = {case["file"]: case for case in golden.expected(shared)["cases"]}
+    for depth in (1, 3, 4):
+        case = cases[f"{name}-s{depth}.vol"]
+        with open_points(golden.input_path(shared, case["input"])) as source:
+            xyz = np.concatenate([chunk.xyz() for chunk in source.chunks(())])
+        volume = open_volume(golden.stored(shared, case))
+        assert volume.contains(xyz).all()
+        assert len(np.unique(volume.find(volume.cell_indices(xyz)))) == len(volume)

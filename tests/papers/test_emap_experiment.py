@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from volatool.errors import OptionError, OutputExistsError
-from volatool.papers import emap_figures, emap_octomap
+from volatool.papers import emap_octomap
 from volatool.papers.emap import reproduce
 from volatool.papers.emap_errata import errata
 from volatool.papers.emap_experiment import run_drives
@@ -110,7 +110,7 @@ def test_without_octomap_ours_is_still_measured(monkeypatch, tmp_path):
 
 
 def test_without_matplotlib_the_numbers_are_still_written(monkeypatch, tmp_path):
-    monkeypatch.setattr(emap_figures, "is_available", lambda: False)
+    monkeypatch.setattr("volatool.papers.emap.figures_available", lambda: False)
     result = reproduce(SHORT, runs=1, timing=False, outdir=tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report.json", "report.md"]
     assert "W_NO_FIGURES" in [warning["code"] for warning in result.document["warnings"]]

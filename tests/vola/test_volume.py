@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from volatool.cube import Cube
 from volatool.errors import FormatError, OptionError, ResourceError
+from volatool.formats.registry import open_volume
 from volatool.model import CrsInfo
 from volatool.vola.volume import Volume, VolumeInfo
 
@@ -53,6 +54,31 @@ def test_centers_lie_in_their_voxels() -> None:
     assert volume.contains(volume.centers()).all()
     x, _, z = volume.cube.origin
     assert not volume.contains([[x - 1, 0, 0], [np.nan, 0, 0], [np.inf, 0, z]]).any()
+    unusable = volume.centers()[np.arange(9)]
+    unusable[range(9), [0, 1, 2] * 3] = [np.nan] * 3 + [np.inf] * 3 + [-np.inf] * 3
+    assert not volume.contains(unusable).any()
+    assert (volume.cell_indices(unusable) == -1).all()
+
+
+@pytest.mark.parametrize("depth", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("n", [1, 5000])
+def test_contains_in_one_pass_is_find_of_the_cells(depth, n) -> None:
+    """With and without a table for the first levels, on and beside faces, inside and outside."""
+    volume = making.random_volume(depth, n)
+    rng = np.random.default_rng(n)
+    corner, side = np.array(volume.cube.origin), volume.cube.side
+    xyz = corner + rng.uniform(-0.1, 1.1, (2000, 3)) * side
+    xyz[:500] = volume.centers()[rng.integers(0, len(volume), 500)]
+    faces = volume.cube.corners(rng.integers(0, 4**depth + 1, (500, 3)).astype(np.int32), depth)
+    xyz[500:1000] = faces + rng.choice([0, 1e-10, -1e-10], (500, 3))
+    xyz[1000:1004] = [[1e300] * 3, [-1e300] * 3, [np.nan, *xyz[0, 1:]], [*xyz[0, :2], np.inf]]
+    xyz[1004:1010] = xyz[0] + side * np.vstack([2**40 * np.eye(3), -(2**40) * np.eye(3)])
+    xyz[:1000, 2] /= [1] * 500 + [float(volume.crs.z_ratio)] * 500
+    found = volume.contains(xyz)
+    assert found.tolist() == volume.contains_cells(volume.cell_indices(xyz)).tolist()
+    assert found[:500].all()
+    assert len(volume.directory.jump) == 64**volume.directory.jump_level
+    assert n == 1 or volume.directory.jump_level == min(depth - 1, 2)
 
 
 def test_points_on_faces_belong_to_the_cell_above() -> None:
@@ -64,6 +90,15 @@ def test_points_on_faces_belong_to_the_cell_above() -> None:
     assert volume.cell_indices(xyz)[:, 0].tolist() == [*range(256), 255]
     assert volume.cell_indices(xyz - 0.001)[1:, 2].tolist() == list(range(256))
     assert (volume.cell_indices(xyz + 25.7) == -1).all()
+
+
+def test_a_tie_of_the_toolkit_is_decided_as_the_toolkit_did() -> None:
+    """Its side is a difference of floats; that of decimals sends this point (golden) down."""
+    box = (1639600.0, 1454500.02, 7077.92, 1639799.98, 1454700.0, 7139.7)
+    volume = open_volume(naive.header(0, 3, 0, box) + bytes(8))
+    assert volume.cube.side == 199.98
+    point = [1639602.22, 1454501.24, 7089.03]
+    assert volume.cell_indices([point]).tolist() == [[1, 0, 4]]
 
 
 def test_toolkit_volumes_place_voxels_where_the_toolkit_rounded_to() -> None:

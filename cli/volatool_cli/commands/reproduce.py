@@ -16,6 +16,7 @@ def reproduce() -> None:
     \b
     Examples:
       volatool reproduce emap --runs 1 --duration 5
+      volatool reproduce vola tile.laz --no-resources
     """
 
 
@@ -71,3 +72,58 @@ def emap(**arguments: Any) -> None:
     from volatool_cli.reproduce import reproduce_emap
 
     reproduce_emap(arguments)
+
+
+@reproduce.command(short_help="The VOLA paper's tables, printed, recomputed and measured.")
+@click.argument("tiles", metavar="[TILE]...", nargs=-1)
+@options.nul_names
+@click.option(
+    "--points",
+    type=click.IntRange(1000, 20_000_000),
+    default=500_000,
+    show_default=True,
+    help="Of the made-up surface of Table 1.",
+)
+@click.option(
+    "--samples",
+    type=click.IntRange(2, 100_000_000),
+    default=100_000,
+    show_default=True,
+    help="Random blocks for each row of Table 6.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="Of those blocks."
+)
+@options.crs
+@click.option(
+    "-o",
+    "--outdir",
+    type=click.Path(file_okay=False),
+    metavar="DIR",
+    help="Write report.md, report.json and the figures there.",
+)
+@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
+@click.option(
+    "--no-resources", is_flag=True, help="Don't time look-ups and packing (Table 1, Figure 8)."
+)
+@options.progress
+@options.messages
+def vola(**arguments: Any) -> None:
+    """Print Tables 1 to 7 of the VOLA paper beside what follows from them and what we measure.
+
+    Look-ups and memory of dense and sparse volumes (and of the real OctoMap library, extra
+    "octomap", left out when missing) at depths 2 to 8; the sizes and occupancies of the paper's
+    data sets recomputed; contiguity by formula and by sampling; what can't be, and what it amounts
+    to. Each TILE (LAS, LAZ, COPC, VOLA) adds Tables 2 to 7 measured on it, and pictures. Markdown,
+    or JSON with --json.
+
+    \b
+    Examples:
+      volatool reproduce vola --no-resources
+      volatool reproduce vola tiles/ --samples 10000 --json
+      volatool reproduce vola tile.laz -o vola-paper
+    """
+    from volatool_cli.reproduce import reproduce_vola
+
+    reproduce_vola(arguments)

@@ -646,7 +646,6 @@ def check_dem(path: Path) -> list[Problem]:
         the tags don't agree with the cells.
     """
     import rasterio
-    from rasterio.windows import Window
 
     problems: list[Problem] = []
     try:
@@ -659,15 +658,8 @@ def check_dem(path: Path) -> list[Problem]:
                 problems.append(("E_NOT_COG", "overviews are missing", None))
             tags = file.tags(1)
             statistics = RasterStatistics()
-            if file.width * file.height > MAX_CELLS:
-                raise FormatError(
-                    f"{path}: claims {file.width} x {file.height} cells, more than any model of "
-                    "volatool has"
-                )
-            rows = max(1, BLOCK * BLOCK // file.width)
-            for start in range(0, file.height, rows):
-                window = Window(0, start, file.width, min(rows, file.height - start))
-                statistics.add(file.read(1, window=window), file.nodata)
+            for rows in _rows_of(file, path):
+                statistics.add(rows, file.nodata)
             found = statistics.tags()
             for name in ("STATISTICS_MINIMUM", "STATISTICS_MAXIMUM"):
                 if name in tags and tags[name] != found.get(name):
@@ -676,3 +668,95 @@ def check_dem(path: Path) -> list[Problem]:
     except FormatError as error:
         problems.append(("E_CORRUPT", str(error), None))
     return problems
+
+
+def _rows_of(file: Any, path: Path) -> Iterator[NDArray[Any]]:
+    """Yield the first band of an opened raster, some rows at a time."""
+    from rasterio.windows import Window
+
+    if file.width * file.height > MAX_CELLS:
+        raise FormatError(
+            f"{path}: claims {file.width} x {file.height} cells, more than any model of "
+            "volatool has"
+        )
+    rows = max(1, BLOCK * BLOCK // file.width)
+    for start in range(0, file.height, rows):
+        window = Window(0, start, file.width, min(rows, file.height - start))
+        yield file.read(1, window=window)
+
+
+@dataclass(frozen=True, slots=True)
+class RasterFacts:
+    """
+    What the cells of a raster say.
+
+    Parameters
+    ----------
+    width, height : int
+        Cells.
+    cell : float
+        Edge of a cell, horizontal unit.
+    nodata : float or None
+        The value of void cells.
+    n_void : int
+        How many there are.
+    low, high : float or None
+        Range of the others; None if there are none.
+    """
+
+    width: int
+    height: int
+    cell: float
+    nodata: float | None
+    n_void: int
+    low: float | None
+    high: float | None
+
+
+def raster_facts(path: Path) -> RasterFacts:
+    """
+    Return size and range of a raster, from all of its cells.
+
+    Raises
+    ------
+    FormatError, InputNotFoundError
+        It can't be read.
+    """
+    import rasterio
+
+    with _gdal(path, is_output=False), rasterio.open(path) as file:
+        statistics = RasterStatistics()
+        for rows in _rows_of(file, path):
+            statistics.add(rows, file.nodata)
+        n_known = sum(statistics.counts)
+        return RasterFacts(
+            file.width,
+            file.height,
+            file.transform.a,
+            file.nodata,
+            file.width * file.height - n_known,
+            statistics.low if n_known else None,
+            statistics.high if n_known else None,
+        )
+
+
+def flag_counts(path: Path) -> list[int]:
+    """
+    Return how many cells of a flag layer are void, measured and filled.
+
+    Raises
+    ------
+    FormatError, InputNotFoundError
+        It can't be read, or is no flag layer.
+    """
+    import rasterio
+
+    with _gdal(path, is_output=False), rasterio.open(path) as file:
+        if file.dtypes[0] != "uint8":
+            raise FormatError(f"{path}: a flag layer has bytes, this one has {file.dtypes[0]}")
+        counts = np.zeros(256, np.int64)
+        for rows in _rows_of(file, path):
+            counts += np.bincount(rows.ravel(), minlength=256)
+    if counts[3:].any():
+        raise FormatError(f"{path}: flags are 0, 1 and 2, this layer has {counts.nonzero()[0][-1]}")
+    return [int(n) for n in counts[:3]]

@@ -90,18 +90,18 @@ def read_barriers(breaklines: str | None, water: str | None, crs: CrsInfo) -> Ba
     try:
         import shapely
     except ImportError as error:
-        raise _no_extra() from error
+        raise no_extra() from error
 
     warnings: list[CodedWarning] = []
     lines: list[Any] = []
     lakes: list[Lake] = []
     n_lines = n_rivers = 0
     if breaklines is not None:
-        shapes, _ = _read(breaklines, crs, warnings)
+        shapes, _ = read_shapes(breaklines, crs, warnings)
         lines += [outline(shape) for shape in shapes]
         n_lines = len(shapes)
     if water is not None:
-        shapes, fields = _read(water, crs, warnings)
+        shapes, fields = read_shapes(water, crs, warnings)
         for k, shape in enumerate(shapes):
             is_area = shapely.get_dimensions(shape) == 2
             is_river = not is_area or _is_river({name: fields[name][k] for name in fields})
@@ -122,22 +122,50 @@ def outline(shape: Any) -> Any:
     return shapely.boundary(flat) if shapely.get_dimensions(flat) == 2 else flat
 
 
-def _no_extra() -> OptionError:
+def no_extra(option: str = "--breaklines and --water") -> OptionError:
+    """Return the error for an option whose packages are not installed."""
     return OptionError(
-        "--breaklines and --water need pyogrio and shapely: pip install 'volatool[vector]'",
-        "E_NO_EXTRA",
+        f"{option}: needs pyogrio and shapely: pip install 'volatool[vector]'", "E_NO_EXTRA"
     )
 
 
-def _read(
-    name: str, crs: CrsInfo, warnings: list[CodedWarning]
+def read_shapes(
+    name: str,
+    crs: CrsInfo,
+    warnings: list[CodedWarning],
+    option: str = "--breaklines and --water",
 ) -> tuple[Geometries, dict[str, NDArray[Any]]]:
-    """Return a file's lines and polygons in the tile's CRS, and their fields by lower-case name."""
+    """
+    Read the lines and polygons of a file.
+
+    Parameters
+    ----------
+    name : str
+        Path of a vector file.
+    crs : CrsInfo
+        Of the tile; a layer in another one is reprojected.
+    warnings : list of CodedWarning
+        Gets ``W_VECTOR_CRS``.
+    option : str
+        What asks for them.
+
+    Returns
+    -------
+    shapes : (n,) array of shapely geometries
+        In the tile's CRS, polygons repaired.
+    fields : dict of str to (n,) array
+        By lower-case name.
+
+    Raises
+    ------
+    VolatoolError
+        See `read_barriers`.
+    """
     try:
         import pyogrio
         import shapely
     except ImportError as error:
-        raise _no_extra() from error
+        raise no_extra(option) from error
 
     path = Path(name)
     if not path.exists():

@@ -154,13 +154,13 @@ def _read_without_metadata(source: Source, header: Header) -> Volume | None:
         volume = _read(source, header, 0)
     except FormatError:
         return None
-    if volume.info.warnings or volume.info.quantizer != "unknown":
-        return None
+    n_words = sum(len(words) for words in volume.levels)
+    if volume.info.warnings or source.position != HEADER_BYTES + 8 * n_words:
+        return None  # empty blocks, or a trailer: not the original's file
     # every file with metadata can be cut where the words left add up as one without; in our own
     # ones the root's metadata word gives it away, its byte 7 is 1
     if volume.depth > 1 and len(volume) and int(volume.levels[1][0]) >> 56 == 1:
         return None
-    n_words = sum(len(words) for words in volume.levels)
     warning = CodedWarning(
         "W_ZERO_METADATA",
         "the writer left out all metadata words, which were zero; they are zero again",

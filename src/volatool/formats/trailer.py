@@ -226,8 +226,14 @@ def interpret(content: dict[str, Any], header: Header) -> tuple[Cube, VolumeInfo
     Raises
     ------
     FormatError
-        A value of the wrong type, or one that contradicts the header.
+        A later schema, a value of the wrong type, or one that contradicts the header.
     """
+    schema = content.get("schema")
+    if schema != _SCHEMA:
+        raise FormatError(
+            f"the trailer's schema is {short(repr(schema))}, this version reads {_SCHEMA!r}: the "
+            "file is of another version of volatool"
+        )
     try:
         return _cube(content["cube"], header), _info(content, header)
     except (KeyError, TypeError, ValueError, ZeroDivisionError, OverflowError) as error:

@@ -1,4 +1,4 @@
-"""Blocks by place: bits summed over columns or larger blocks, and the tops of columns of cells."""
+"""Blocks by place: columns numbered, bits summed over places, tops of columns of cells."""
 
 from __future__ import annotations
 
@@ -9,33 +9,64 @@ from volatool.kernels.contiguity import popcount
 
 
 @kernel
-def place_numbers(cells, shift, bits, by_column):
+def project_columns(words, columns, n_columns):
     """
-    Return a number for the place that each block belongs to.
+    Project the blocks of a level onto the x-y plane.
 
     Parameters
     ----------
-    cells : (n, 3) array of int32
-        x, y, z of blocks.
-    shift : int
-        Bits of each that are below the size of a place.
-    bits : int
-        Bits of a place's x, and y.
-    by_column : bool
-        Places don't differ by z.
+    words : (n,) array of uint64
+        Occupancy words.
+    columns : (n,) array of int64
+        Which column of blocks each is of, below `n_columns`.
+    n_columns : int
 
     Returns
     -------
-    numbers : (n,) array of int64
-        ``x + y 2**bits``, and for blocks ``+ z 4**bits``.
+    flat : (n_columns,) array of uint64
+        Bits ``x + 4 y`` of the columns of cells that any block of the column has.
     """
-    numbers = np.empty(cells.shape[0], np.int64)
-    for i in range(cells.shape[0]):
-        x, y = np.int64(cells[i, 0]) >> shift, np.int64(cells[i, 1]) >> shift
-        numbers[i] = x | y << bits
-        if not by_column:
-            numbers[i] |= (np.int64(cells[i, 2]) >> shift) << (2 * bits)
-    return numbers
+    flat = np.zeros(n_columns, np.uint64)
+    for i in range(words.size):
+        word = words[i] | (words[i] >> np.uint64(32))
+        flat[columns[i]] |= (word | (word >> np.uint64(16))) & np.uint64(0xFFFF)
+    return flat
+
+
+@kernel
+def column_children(words, columns, flat, ranks, n_cells):
+    """
+    Return the columns of the cells of blocks, the blocks of the next level.
+
+    Parameters
+    ----------
+    words, columns
+        As in `project_columns`.
+    flat : (m,) array of uint64
+        As `project_columns` returned it.
+    ranks : (m,) array of int64
+        Set bits before each.
+    n_cells : int
+        Set bits of `words`.
+
+    Returns
+    -------
+    children : (n_cells,) array of int64
+        For each set bit in order the rank of its column: columns are a tree of 4 x 4 like blocks
+        one of 4 x 4 x 4, so that nothing need be sorted.
+    """
+    children = np.empty(n_cells, np.int64)
+    place = 0
+    for i in range(words.size):
+        word = words[i]
+        own, before = flat[columns[i]], ranks[columns[i]]
+        while word:
+            low = word & (~word + np.uint64(1))
+            column = np.uint64(popcount(low - np.uint64(1)) & 15)
+            children[place] = before + popcount(own & ((np.uint64(1) << column) - np.uint64(1)))
+            place += 1
+            word ^= low
+    return children
 
 
 @kernel

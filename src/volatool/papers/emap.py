@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from volatool.errors import CodedWarning
 from volatool.model import Progress, no_progress
@@ -15,29 +13,10 @@ from volatool.papers.emap_report import to_markdown
 from volatool.papers.emap_scene import Drive
 from volatool.papers.emap_summary import summarize
 from volatool.papers.emap_timing import loop_times
+from volatool.papers.figures import MISSING as MISSING_FIGURES
+from volatool.papers.figures import is_available as figures_available
+from volatool.papers.result import NUMBERS, REPORT, Reproduction
 from volatool.report import dumps
-
-REPORT, NUMBERS = "report.md", "report.json"
-
-
-@dataclass(frozen=True, slots=True)
-class Reproduction:
-    """
-    What came of the experiment.
-
-    Parameters
-    ----------
-    document : dict
-        The JSON object.
-    markdown : str
-        The report.
-    paths : tuple of pathlib.Path
-        Files written.
-    """
-
-    document: dict[str, Any]
-    markdown: str
-    paths: tuple[Path, ...] = ()
 
 
 def reproduce(
@@ -86,7 +65,7 @@ def reproduce(
     drive = drive or Drive()
     wanted = [REPORT, NUMBERS]
     figures: list[str] = []
-    if outdir is not None and emap_figures.is_available():
+    if outdir is not None and figures_available():
         names = emap_figures.NAMES
         figures = [names[key] for key in names if timing or key != "figure-6"]
     if outdir is not None:
@@ -97,7 +76,7 @@ def reproduce(
     if outdir is None:
         return Reproduction(document, to_markdown(document))
     if not figures:
-        document["warnings"].append(CodedWarning("W_NO_FIGURES", emap_figures.MISSING).to_dict())
+        document["warnings"].append(CodedWarning("W_NO_FIGURES", MISSING_FIGURES).to_dict())
     markdown = to_markdown(document, figures)
     with OutputSet(overwrite) as outputs:
         try:

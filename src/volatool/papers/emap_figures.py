@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,7 @@ from typing import Any
 import numpy as np
 
 from volatool.papers.emap_experiment import BASELINE, CELL, RECOMMENDED, SIDE, Run
-
-MISSING = (
-    "figures need the PyPI package matplotlib, which is not installed: "
-    'pip install "volatool[figures]"'
-)
+from volatool.papers.figures import new_figure, save
 
 NAMES = {
     "figure-4": "figure-4-error-map.png",
@@ -34,22 +29,6 @@ _PAPER_LOOP = (1600, 50.0)
 """Nodes and milliseconds, as the paper says."""
 
 
-def is_available() -> bool:
-    """Return whether matplotlib is installed."""
-    return importlib.util.find_spec("matplotlib") is not None
-
-
-def _save(figure: Any, path: Path) -> None:
-    # no version and no date in the file: the same numbers give the same bytes
-    figure.savefig(path, format="png", metadata={"Software": None})
-
-
-def _figure(width: float, height: float) -> Any:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), dpi=130, layout="constrained")
-
-
 def error_map(runs: Sequence[Run], path: Path) -> None:
     """
     Draw the root mean square error around the sensor, and how often which error occurs.
@@ -67,7 +46,7 @@ def error_map(runs: Sequence[Run], path: Path) -> None:
     errors = {key: np.concatenate([run.errors[key] for run in runs]) for key in keys}
     maps = {key: np.sqrt(np.mean(value**2, axis=0)) for key, value in errors.items()}
     half = SIDE * CELL / 2
-    figure = _figure(4.1 * (len(keys) + 1) + 0.6, 4.3)
+    figure = new_figure(4.1 * (len(keys) + 1) + 0.6, 4.3)
     axes = figure.subplots(1, len(keys) + 1)
     norm = LogNorm(min(m.min() for m in maps.values()), max(m.max() for m in maps.values()))
     image = None
@@ -106,7 +85,7 @@ def error_map(runs: Sequence[Run], path: Path) -> None:
     figure.suptitle(
         f"Error of the 10 m x 10 m surface over {len(errors[keys[0]])} scans of {len(runs)} runs"
     )
-    _save(figure, path)
+    save(figure, path)
 
 
 def along_the_drive(document: dict[str, Any], path: Path) -> None:
@@ -121,7 +100,7 @@ def along_the_drive(document: dict[str, Any], path: Path) -> None:
         PNG to write.
     """
     along = document["along"]
-    figure = _figure(8.2, 4.4)
+    figure = new_figure(8.2, 4.4)
     ax = figure.subplots()
     for key, colour in _COLOURS.items():
         if key in along["rmse"]:
@@ -146,7 +125,7 @@ def along_the_drive(document: dict[str, Any], path: Path) -> None:
     )
     ax.grid(alpha=0.3, which="both")
     ax.legend()
-    _save(figure, path)
+    save(figure, path)
 
 
 def time_against_nodes(document: dict[str, Any], path: Path) -> None:
@@ -162,7 +141,7 @@ def time_against_nodes(document: dict[str, Any], path: Path) -> None:
     """
     loops = document["resources"]["loop"]
     nodes = np.array([loop["nodes"] for loop in loops])
-    figure = _figure(7.0, 4.6)
+    figure = new_figure(7.0, 4.6)
     ax = figure.subplots()
     blue = _COLOURS[RECOMMENDED]
     total = np.array([loop["loop_s"] for loop in loops]) * 1000
@@ -180,4 +159,4 @@ def time_against_nodes(document: dict[str, Any], path: Path) -> None:
     ax.minorticks_off()
     ax.grid(alpha=0.3)
     ax.legend(fontsize=9)
-    _save(figure, path)
+    save(figure, path)

@@ -8,6 +8,7 @@ from typing import Any
 from volatool.papers.emap_errata import errata
 from volatool.papers.emap_experiment import BASELINE, RECOMMENDED
 from volatool.papers.emap_scores import SCENARIOS
+from volatool.papers.markdown import table
 
 SILENT = (
     "Gazebo is replaced by exact ray casting onto sin(x/pi) sin(y/pi), occlusion included: no "
@@ -69,17 +70,12 @@ def to_markdown(document: dict[str, Any], figures: Sequence[str] = ()) -> str:
         "## Differences to the paper",
         "\n".join(f"- {line.format(**setup)}" for line in SILENT),
         "## Errata",
-        _table(
+        table(
             ("", "the paper", "here", "measured in this run"),
             [tuple(erratum) for erratum in errata(document)],
         ),
     ]
     return "\n\n".join(parts) + "\n"
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def _percent(value: float | None) -> str:
@@ -114,7 +110,7 @@ def _table_1(document: dict[str, Any]) -> str:
             )
         )
     head = ("", "OctoMap", "EMap", "better by %", "worst run %")
-    return _table((*head, "paper: OctoMap", "paper: EMap", "paper: %"), rows)
+    return table((*head, "paper: OctoMap", "paper: EMap", "paper: %"), rows)
 
 
 def _methods(document: dict[str, Any]) -> str:
@@ -129,7 +125,7 @@ def _methods(document: dict[str, Any]) -> str:
         sizes = [_millimetres(method[name]) for name in ("rmse", "mae", "bias")]
         rows.append((f"`{key}`", method["title"], *cells, *sizes))
     titles = [scenario.title for scenario in SCENARIOS]
-    return _table(("", "method", *titles, "RMSE", "MAE", "bias"), rows)
+    return table(("", "method", *titles, "RMSE", "MAE", "bias"), rows)
 
 
 def _normalized(document: dict[str, Any]) -> str:
@@ -139,7 +135,7 @@ def _normalized(document: dict[str, Any]) -> str:
             scores = document["methods"][key]["scenarios"]
             sizes = [_millimetres(scores[s.key]["normalized_mse"] ** 0.5) for s in SCENARIOS]
             rows.append((f"`{key}`", *sizes))
-    return _table(("", *(scenario.title for scenario in SCENARIOS)), rows)
+    return table(("", *(scenario.title for scenario in SCENARIOS)), rows)
 
 
 def _loops(document: dict[str, Any]) -> str:
@@ -153,4 +149,4 @@ def _loops(document: dict[str, Any]) -> str:
         )
         for loop in document["resources"]["loop"]
     ]
-    return _table(("nodes", "add the scan", "solve", "loop", "microseconds a node"), rows)
+    return table(("nodes", "add the scan", "solve", "loop", "microseconds a node"), rows)

@@ -42,10 +42,15 @@ class Oblique:
         What is drawn.
     width, tallest : int
         Largest picture, pixels.
+    azimuth : float, optional
+        Direction of view instead, radians east of north, as another picture's `azimuth` says it.
     """
 
-    def __init__(self, volume: Volume, width: int, tallest: int) -> None:
+    def __init__(
+        self, volume: Volume, width: int, tallest: int, azimuth: float | None = None
+    ) -> None:
         self.volume = volume
+        self._wanted = azimuth
         levels = range(volume.depth, 0, -1)
         level = next((k for k in levels if volume.n_cells(k) <= _MAX_CELLS), 1)
         self._project(level)
@@ -72,6 +77,8 @@ class Oblique:
         rise = (float(x @ middle), float(y @ middle))
         views = [math.radians(_AZIMUTH + quarter) for quarter in (0, 90, 180, 270)]
         self.azimuth = max(views, key=lambda a: math.sin(a) * rise[0] + math.cos(a) * rise[1])
+        if self._wanted is not None:
+            self.azimuth = self._wanted
         cos, sin = math.cos(self.azimuth), math.sin(self.azimuth)
         away = sin * x + cos * y
         self.across = cos * x - sin * y

@@ -373,9 +373,9 @@ def _stacked_means(volumes: Sequence[Volume], union: Volume, tables: Sequence[Ta
     return levels
 
 
-def voxel_size(volume: Volume) -> Fraction:
+def voxel_edge(volume: Volume) -> Fraction:
     """
-    Return what one voxel takes of space, exactly.
+    Return the edge of a voxel, exactly.
 
     Parameters
     ----------
@@ -384,11 +384,17 @@ def voxel_size(volume: Volume) -> Fraction:
 
     Returns
     -------
-    size : Fraction
-        Cubed horizontal units; of a volume of the original toolkit the cubed step between the
-        places that it rounds to.
+    edge : Fraction
+        Horizontal units; of a volume of the original toolkit the step between the places that it
+        rounds to.
     """
     steps = 4**volume.depth - is_rounded(volume)
     edge: Fraction = volume.cube.exact[3] / steps
+    return edge
+
+
+def voxel_size(volume: Volume) -> Fraction:
+    """Return what one voxel takes of space, exactly, in cubed horizontal units."""
+    edge = voxel_edge(volume)
     size: Fraction = edge * edge * edge
     return size

@@ -7,17 +7,14 @@ from typing import Literal
 
 import numpy as np
 
-from volatool.cube import MAX_DEPTH
 from volatool.errors import OptionError
 from volatool.model import F64, I32, I64, U64, Bool
-from volatool.vola.algebra import Pairing, aligned, pairings
+from volatool.vola.algebra import Pairing, aligned, pairings, voxel_edge
 from volatool.vola.grid import is_rounded, same_grid
 from volatool.vola.volume import Volume
 
 MAX_NOISE = 4
 """Most voxels of noise: no farther than the neighbouring block."""
-
-_FEW = 1 << 20
 
 NOISE = 1
 MIN_VOXELS = 4
@@ -37,8 +34,7 @@ class Changes:
     by : str
         ``"block"``, or ``"column"``: all blocks above each other are one place.
     blocks : (n, 3) array of int32
-        x, y, z of each place among the blocks of the level, by z, then y, then x; z is 0 for
-        columns.
+        x, y, z of each place among the blocks of the level, in VOLA order; z is 0 for columns.
     added, removed : (n,) arrays of int64
         Voxels that only the second or only the first volume has.
     significant_added, significant_removed : (n,) arrays of int64
@@ -146,9 +142,9 @@ class Difference:
 
     def faces(self, voxels: F64) -> F64:
         """Return where voxels begin, (n, 3), in units of the CRS (z in the vertical unit)."""
-        rounded = is_rounded(self.a)
-        step = float(self.a.cube.exact[3] / (4**self.a.depth - rounded))
-        places: F64 = np.asarray(self.a.cube.origin) + (voxels - rounded / 2) * step
+        before = 0.5 if is_rounded(self.a) else 0.0  # around the places, or from them on
+        step = float(voxel_edge(self.a))
+        places: F64 = np.asarray(self.a.cube.origin) + (voxels - before) * step
         places[..., 2] /= float(self.a.crs.z_ratio)
         return places
 
@@ -202,8 +198,6 @@ def diff(
     level = a.depth if level is None else level
     if not 1 <= level <= a.depth:
         raise OptionError(f"--level must be 1 to {a.depth}, the levels to compare, got {level}")
-    if by == "block" and level > MAX_DEPTH:  # numbers of blocks must fit 64 bits
-        raise OptionError(f"--by block goes to --level {MAX_DEPTH}, got {level}")
     from volatool.kernels import algebra as kernels
 
     steps = list(pairings(a, b, "or"))
@@ -226,7 +220,7 @@ def diff(
         n_removed=n_removed,
         n_significant_added=_count(far_added),
         n_significant_removed=_count(far_removed),
-        changes=_changes(_block_cells(steps), found, a.depth, level, by, min_voxels),
+        changes=_changes(steps, found, level, by, min_voxels),
     )
 
 
@@ -282,24 +276,19 @@ def _block_cells(steps: list[Pairing]) -> I32:
 
 
 def _changes(
-    cells: I32, found: list[U64], depth: int, level: int, by: By, min_voxels: int
+    steps: list[Pairing], found: list[U64], level: int, by: By, min_voxels: int
 ) -> Changes:
-    """Sum the blocks of the last level by place; those without a change are left out."""
+    """Sum the blocks of the last level by place; places without a change are left out."""
     from volatool.kernels.places import sum_places
 
-    bits = 2 * (level - 1)
-    numbers, n_numbers, named = _numbers(cells, 2 * (depth - level), bits, by)
-    sums = sum_places(numbers, cells, *found, n_numbers)
-    held = np.flatnonzero(sums[:, 5] >= 0)
-    sums = sums[held]
-    held = held if named is None else named[held]
-    low = (1 << bits) - 1
-    blocks = np.column_stack([held & low, held >> bits & low, held >> 2 * bits])
-    added, removed, far_added, far_removed, first, last = sums.T
+    places, blocks = _places(steps, level, by)
+    sums = sum_places(places, _block_cells(steps), *found, len(blocks))
+    held = sums[:, 5] >= 0
+    added, removed, far_added, far_removed, first, last = sums[held].T
     return Changes(
         level=level,
         by=by,
-        blocks=blocks.astype(np.int32),
+        blocks=blocks[held],
         added=added,
         removed=removed,
         significant_added=far_added,
@@ -310,17 +299,31 @@ def _changes(
     )
 
 
-def _numbers(cells: I32, shift: int, bits: int, by: By) -> tuple[I64, int, I64 | None]:
-    """Numbers of the places of blocks, how many there may be, and what they stand for."""
-    from volatool.kernels.places import place_numbers
+def _places(steps: list[Pairing], level: int, by: By) -> tuple[I64, I32]:
+    """Place of each block of the last level, and x, y, z of the places."""
+    cells = _block_cells(steps[:level])
+    if by == "block":
+        places, blocks = np.arange(len(cells), dtype=np.int64), cells
+    else:
+        places, n_columns = _columns(steps[:level])
+        blocks = np.zeros((n_columns, 3), np.int32)
+        blocks[places, :2] = cells[:, :2]
+    for step in steps[level - 1 : -1]:
+        places = np.repeat(places, np.bitwise_count(step.words))
+    return places, blocks
 
-    numbers = place_numbers(cells, shift, bits, by == "column")
-    n_numbers = 1 << (2 if by == "column" else 3) * bits
-    if n_numbers <= _FEW + 4 * len(numbers):
-        return numbers, n_numbers, None
-    # a table of all places would be mostly empty
-    named, numbers = np.unique(numbers, return_inverse=True)
-    return numbers, len(named), named
+
+def _columns(steps: list[Pairing]) -> tuple[I64, int]:
+    """Column of each block of the last level, and how many columns there are."""
+    from volatool.kernels.places import column_children, project_columns
+
+    columns, n_columns = np.zeros(1, np.int64), 1
+    for step in steps[:-1]:
+        flat = project_columns(step.words, columns, n_columns)
+        n_cells = _count(step.words)
+        columns = column_children(step.words, columns, flat, _ranks(flat), n_cells)
+        n_columns = _count(flat)
+    return columns, n_columns
 
 
 def _surface_change(a: Volume, b: Volume, steps: list[Pairing], noise: int) -> SurfaceChange:
@@ -328,8 +331,8 @@ def _surface_change(a: Volume, b: Volume, steps: list[Pairing], noise: int) -> S
     from volatool.kernels.places import compare_tops, top_layers
 
     cells, last = _block_cells(steps), steps[-1]
-    numbers, n_numbers, _ = _numbers(cells, 0, 2 * (a.depth - 1), "column")
+    columns, n_columns = _columns(steps)
     pair = (a.levels[-1], b.levels[-1], last.blocks_a, last.blocks_b)
     words = pair_words(*pair, 4), pair_words(pair[1], pair[0], pair[3], pair[2], 4)
-    tops = (top_layers(numbers, cells, one, n_numbers) for one in words)
+    tops = (top_layers(columns, cells, one, n_columns) for one in words)
     return SurfaceChange(*compare_tops(*tops, noise).tolist())

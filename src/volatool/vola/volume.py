@@ -5,9 +5,11 @@ Levels count from 1 (the root block, 4 x 4 x 4 cells) to the depth, whose cells 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +21,11 @@ from volatool.vola.info import VolumeInfo
 from volatool.vola.words import count_level, frozen, popcount
 
 if TYPE_CHECKING:
+    from volatool.vola.census import Census
+    from volatool.vola.directory import Directory
+    from volatool.vola.neighbours import NeighbourError
+    from volatool.vola.rays import Hits, Sights
+    from volatool.vola.regions import BoxCount, Column
     from volatool.vola.window import Window
 
 __all__ = ["MAX_LEVELS", "Volume", "VolumeInfo", "count_level"]
@@ -291,19 +298,30 @@ class Volume:
         corner, side, size = self.cube.origin[axis], self.cube.side, 4**level
         error = _ULPS * np.maximum(np.abs(places), abs(corner))
         away = places - corner
-        inside = (away >= -error) & (away <= side + error)  # false for NaN
+        # false for NaN; the error of an infinite place is infinite, so it would be inside
+        inside = np.isfinite(places) & (away >= -error) & (away <= side + error)
         away = np.where(inside, away, 0.0)
         if not side:
             cells = np.zeros(len(away), np.int64)
         elif self._is_rounded():
             nodes = 4**self.depth - 1
-            cells = np.rint(np.clip(away / side, 0.0, 1.0) * nodes).astype(np.int64)
+            extent = (corner + self._rounded_side) - corner  # the toolkit's, to the last bit
+            cells = np.rint(nodes * np.clip(away / extent, 0.0, 1.0)).astype(np.int64)
             cells >>= 2 * (self.depth - level)
         else:
             np.add(away, error, out=away, where=inside)
             cells = np.minimum(np.maximum(away, 0.0) * (size / side), size - 1).astype(np.int64)
         cells[~inside] = -1
         return cells
+
+    @cached_property
+    def _rounded_side(self) -> float:
+        """Side as the toolkit has it: a difference of floats, where the cube's is of decimals."""
+        if self.info.box is None:
+            return self.cube.side
+        box = self.info.box
+        side = max(high - low for low, high in zip(box[:3], box[3:], strict=True))
+        return side if math.isclose(side, self.cube.side, rel_tol=1e-9) else self.cube.side
 
     def contains(self, xyz: ArrayLike) -> Bool:
         """
@@ -319,7 +337,11 @@ class Volume:
         contained : (n,) array of bool
             False outside the cube and for coordinates that are not finite.
         """
-        return self.contains_cells(self.cell_indices(xyz))
+        if self._is_rounded() or not self.cube.side:
+            return self.contains_cells(self.cell_indices(xyz))
+        from volatool.vola.query import contains
+
+        return contains(self, xyz)
 
     def contains_cells(self, cells: ArrayLike, level: int | None = None) -> Bool:
         """
@@ -355,15 +377,78 @@ class Volume:
         index : (n,) array of int64
             Row of the cell in `voxels` (and of its block in the next level), -1 if it is not set.
         """
-        from volatool.kernels import words
-
         level = self._level(level)
         indices: I64 = np.ascontiguousarray(np.asarray(cells, np.int64).reshape(-1, 3))
-        size = 4**level
-        here = np.where(np.all((indices >= 0) & (indices < size), axis=1), 0, -1).astype(np.int64)
-        for i in range(level):
-            words.descend(self.levels[i], self._ranks[i], indices, 2 * (level - 1 - i), here)
-        return here
+        return self.directory.find(indices, level)
+
+    def ray(
+        self, origin: ArrayLike, direction: ArrayLike, max_distance: ArrayLike | None = None
+    ) -> Hits:
+        """Return the first voxel that each ray meets: `volatool.vola.rays.cast`."""
+        from volatool.vola.rays import cast
+
+        return cast(self, origin, direction, max_distance)
+
+    def sight(self, a: ArrayLike, b: ArrayLike, *, ignore_ends: bool = False) -> Sights:
+        """Tell whether points see each other: `volatool.vola.rays.sight`."""
+        from volatool.vola.rays import sight
+
+        return sight(self, a, b, ignore_ends=ignore_ends)
+
+    def box(self, low: ArrayLike, high: ArrayLike) -> BoxCount:
+        """Count what is in a box: `volatool.vola.regions.count_box`."""
+        from volatool.vola.regions import count_box
+
+        return count_box(self, low, high)
+
+    def column(self, x: float, y: float) -> Column:
+        """Return the occupied runs over a place, top to bottom; see `columns`."""
+        return self.columns([[x, y]])[0]
+
+    def columns(self, xy: ArrayLike) -> list[Column]:
+        """Return the occupied runs over places: `volatool.vola.regions.columns`."""
+        from volatool.vola.regions import columns
+
+        return columns(self, xy)
+
+    def census(
+        self,
+        box: Bounds | Sequence[float] | None = None,
+        *,
+        z: tuple[float, float] | None = None,
+        polygon: Any | None = None,
+        bands: Sequence[float] = (),
+    ) -> Census:
+        """Count a region by class, height and metadata: `volatool.vola.census.census`."""
+        from volatool.vola.census import census
+
+        return census(self, box, z=z, polygon=polygon, bands=bands)
+
+    def neighbours(
+        self,
+        xyz: ArrayLike,
+        *,
+        connectivity: int = 26,
+        radius: float | None = None,
+        exact: bool = True,
+    ) -> I64:
+        """Count the voxels around points' cells: `volatool.vola.neighbours.count`."""
+        from volatool.vola.neighbours import count
+
+        return count(self, xyz, connectivity=connectivity, radius=radius, exact=exact)
+
+    def neighbour_error(self, connectivity: int = 26) -> NeighbourError:
+        """Measure what inside blocks is missed: `volatool.vola.neighbours.error_by_block`."""
+        from volatool.vola.neighbours import error_by_block
+
+        return error_by_block(self, connectivity)
+
+    @cached_property
+    def directory(self) -> Directory:
+        """Rank directory, made when it is first needed."""
+        from volatool.vola.directory import Directory
+
+        return Directory.of(self.levels)
 
     @cached_property
     def _ranks(self) -> tuple[I64, ...]:

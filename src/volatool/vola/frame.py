@@ -1,0 +1,136 @@
+"""From coordinates to places in units of a volume's cells, and back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from volatool.model import F64, I64
+
+if TYPE_CHECKING:
+    from volatool.vola.volume import Volume
+
+_ULPS = 4 * float(np.finfo(np.float64).eps)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """
+    Places in cells: cell k of an axis is [k, k + 1), the last one closed.
+
+    Parameters
+    ----------
+    corner : (3,) array of float64
+        Of the cube, in the horizontal unit.
+    step : float
+        Edge of a cell, in the horizontal unit; 0 for a cube of side 0, which is one place.
+    shift : float
+        Place of the corner: 0, or a half in volumes of the original toolkit, which rounds.
+    size : int
+        Cells an axis.
+    z_ratio : float
+        Horizontal units per vertical unit.
+    """
+
+    corner: F64
+    step: float
+    shift: float
+    size: int
+    z_ratio: float
+
+    @classmethod
+    def of(cls, volume: Volume) -> Frame:
+        """Return the frame of a volume's deepest level."""
+        size, side = 4**volume.depth, volume.cube.side
+        is_rounded = volume.info.quantizer != "floor"
+        return cls(
+            corner=np.array(volume.cube.origin),
+            step=side / (size - 1) if is_rounded else side / size,
+            shift=0.5 if is_rounded else 0.0,
+            size=size,
+            z_ratio=float(volume.crs.z_ratio),
+        )
+
+    def places(self, xyz: ArrayLike, snap: float = 0.0) -> F64:
+        """
+        Return places.
+
+        Parameters
+        ----------
+        xyz : (n, 3) array of float
+            In units of the CRS, z in the vertical unit.
+        snap : float
+            What is within rounding error (4 units in the last place of the coordinate) of
+            ``k + snap`` is on it: 0 for the faces of cells, a half for their middles.
+
+        Returns
+        -------
+        places : (n, 3) array of float64
+            In cells. Where the cube is one place: 0 there, else infinite.
+        """
+        points = np.array(xyz, np.float64).reshape(-1, 3)
+        points[:, 2] *= self.z_ratio
+        with np.errstate(all="ignore"):
+            away = points - self.corner
+            error = _ULPS * np.maximum(np.abs(points), np.abs(self.corner))
+            if not self.step:
+                return np.where(np.abs(away) <= error, 0.0, np.copysign(np.inf, away))
+            places = away / self.step + self.shift
+            near = np.rint(places - snap) + snap
+            return np.where(np.abs(places - near) * self.step <= error, near, places)
+
+    def directions(self, directions: ArrayLike) -> F64:
+        """Return directions in cells: z counts in the horizontal unit, lengths don't matter."""
+        scaled = np.array(directions, np.float64).reshape(-1, 3)
+        scaled[:, 2] *= self.z_ratio
+        return scaled
+
+    def coordinates(self, places: ArrayLike) -> F64:
+        """
+        Return coordinates.
+
+        Parameters
+        ----------
+        places : (n, 3) array of float
+            In cells; ``k + 0.5`` is the middle of cell k.
+
+        Returns
+        -------
+        xyz : (n, 3) array of float64
+            In units of the CRS, z in the vertical unit.
+        """
+        away = (np.asarray(places, np.float64) - self.shift) * self.step
+        xyz: F64 = away + self.corner
+        xyz[..., 2] /= self.z_ratio
+        return xyz
+
+    def range_of(self, low: ArrayLike, high: ArrayLike, *, centres: bool) -> tuple[I64, I64]:
+        """
+        Return the cells of a box.
+
+        Parameters
+        ----------
+        low, high : (3,) arrays of float
+            Corners in units of the CRS, z in the vertical unit; infinity is no limit.
+        centres : bool
+            Cells whose centre lies in the half-open box; else those that a point of the closed
+            box falls into.
+
+        Returns
+        -------
+        first, last : (3,) arrays of int64
+            Both inclusive, within the grid; ``first > last`` on an axis where there are none.
+        """
+        box = np.array([low, high], np.float64)
+        low_place, high_place = self.places(box, snap=0.5 if centres else 0.0)
+        if centres:
+            first, last = np.ceil(low_place - 0.5), np.ceil(high_place - 0.5) - 1
+        else:
+            # the cube's far face belongs to the last cell
+            first = np.where(low_place == self.size, self.size - 1, np.floor(low_place))
+            last = np.floor(high_place)
+        first, last = np.clip(first, 0, self.size), np.clip(last, -1, self.size - 1)
+        return first.astype(np.int64), last.astype(np.int64)
