@@ -37,6 +37,9 @@ _NOT_OF_THE_TOOLKIT = (
     "snap",
     "split",
     "cube_from",
+    "columns",
+    "mesh",
+    "spacing",
 )
 _FLAGS = {"classes": "class", "exclude_classes": "exclude-class"}
 

@@ -112,3 +112,17 @@ def test_a_huge_leaf_is_not_expanded(tmp_path):
     )
     with pytest.raises(ResourceError, match="voxels"):
         points_of(tmp_path / "a.bt")
+
+
+def test_a_tree_of_octomap_itself_is_read(tmp_path):
+    """An independent writer; free voxels along the rays are no points."""
+    pyoctomap = pytest.importorskip("pyoctomap")
+    tree = pyoctomap.OcTree(0.5)
+    places = (CELLS + 0.5) * 0.5
+    for place in places:
+        tree.updateNode(place.tolist(), True)
+    tree.updateNode([20.0, 20.0, 20.0], False)
+    tree.updateInnerOccupancy()
+    assert tree.writeBinary(str(tmp_path / "a.bt"))
+    xyz, _ = points_of(tmp_path / "a.bt")
+    assert sorted(map(tuple, xyz.tolist())) == sorted(map(tuple, places.tolist()))

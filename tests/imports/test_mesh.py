@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from making_imports import box_triangles, opened, points_of, stl
 
-from volatool.errors import FormatError, OptionError, ResourceError, TruncatedError
+import volatool as vt
+from volatool.errors import FormatError, InputError, OptionError, ResourceError, TruncatedError
 from volatool.imports import mesh
 from volatool.kernels import triangles as kernels
 
@@ -177,3 +178,19 @@ def test_without_trimesh_the_extra_is_named(tmp_path, monkeypatch):
     assert caught.value.code == "E_NO_EXTRA"
     with pytest.raises(OptionError, match="--spacing is for --mesh sample"):
         opened(tmp_path / "a.stl", spacing="1m")
+
+
+def test_a_mesh_is_cut_by_the_cube_of_another_volume(tmp_path):
+    """Only what lies in it; a mesh beside it is an error."""
+    (tmp_path / "g.xyz").write_text("0 0 0\n8 8 8\n")
+    report = vt.import_points(tmp_path / "g.xyz", depth=2, dense="never")
+    (tmp_path / "a.stl").write_bytes(stl(BOX + 0.25))
+    options = {"cube_from": str(report.paths[0]), "dense": "never"}
+    volume = vt.open(vt.import_points(tmp_path / "a.stl", **options).paths[0])
+    assert (volume.cube.side, volume.depth) == (8.0, 2)
+    cells = volume.voxels()
+    assert cells[:, 0].max() == 15
+    assert cells.min() == 0
+    (tmp_path / "b.stl").write_bytes(stl(BOX + 100))
+    with pytest.raises(InputError, match="no part of the surface lies in the cube"):
+        vt.import_points(tmp_path / "b.stl", **options)

@@ -127,3 +127,18 @@ def test_a_crafted_list_is_refused(tmp_path):
     (tmp_path / "a.ply").write_bytes(data[:-13] + b"\xff\xff\xff\xff" + data[-12:])
     with pytest.raises((TruncatedError, FormatError), match=r"a\.ply"):
         opened(tmp_path / "a.ply", mesh="voxelize", depth=2)
+
+
+@pytest.mark.parametrize("text", [False, True])
+def test_what_plyfile_writes_is_read(tmp_path, text):
+    """An independent writer."""
+    import plyfile
+
+    table = np.empty(40, [("x", "f8"), ("y", "f8"), ("z", "f8"), ("intensity", "u2")])
+    table["x"], table["y"], table["z"] = XYZ.T
+    table["intensity"] = np.arange(40)
+    element = plyfile.PlyElement.describe(table, "vertex")
+    plyfile.PlyData([element], text=text).write(tmp_path / "a.ply")
+    xyz, attributes = points_of(tmp_path / "a.ply")
+    assert np.array_equal(xyz, XYZ)
+    assert attributes["intensity"].tolist() == list(range(40))

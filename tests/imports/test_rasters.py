@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import rasterio
+import rasterio.shutil
 from making_imports import opened, points_of
 from rasterio.transform import Affine
 
@@ -128,3 +129,11 @@ def test_other_rasters_are_refused(tmp_path):
     (tmp_path / "d.tif").write_bytes(data[:60])
     with pytest.raises(InputError, match="not a r"):
         opened(tmp_path / "d.tif")
+
+
+def test_what_gdal_writes_as_ascii_grid_is_the_raster(tmp_path):
+    """An independent writer, with its file of the CRS beside."""
+    write(tmp_path / "a.tif", HEIGHTS.astype("float32"))
+    rasterio.shutil.copy(tmp_path / "a.tif", tmp_path / "b.asc", driver="AAIGrid")
+    assert np.array_equal(points_of(tmp_path / "b.asc")[0], points_of(tmp_path / "a.tif")[0])
+    assert opened(tmp_path / "b.asc").crs.epsg == 28992

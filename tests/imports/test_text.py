@@ -157,3 +157,12 @@ def test_a_folder_and_a_missing_file_are_told(tmp_path):
         opened(tmp_path / "a.xyz")
     with pytest.raises(FileNotFoundError, match="no such file"):
         opened(tmp_path / "b.xyz")
+
+
+def test_a_file_that_grows_meanwhile_is_told(tmp_path):
+    (tmp_path / "a.xyz").write_text("1 2 3\n4 5 6\n")
+    source = opened(tmp_path / "a.xyz")
+    with (tmp_path / "a.xyz").open("a") as file:
+        file.write("1e9 1e9 1e9\n")
+    with pytest.raises(InputError, match="had 2 points when it was opened and now has 3"):
+        list(source.chunks())

@@ -18,6 +18,7 @@ import contextlib
 import math
 import shutil
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -441,11 +442,24 @@ def height_rows(path: Path) -> Iterator[tuple[int, F64]]:
         for start in range(0, file.height, rows):
             window = Window(0, start, file.width, min(rows, file.height - start))
             cells = file.read(1, window=window)
-            heights = cells.astype(np.float64)
-            if file.nodata is not None:
-                heights[cells == cells.dtype.type(file.nodata)] = np.nan
+            with np.errstate(invalid="ignore"):  # signalling NaNs
+                heights = cells.astype(np.float64)
+                nodata = file.nodata
+                if nodata is not None:  # which an integer type need not be able to hold
+                    is_float = cells.dtype.kind == "f"
+                    heights[heights == (cells.dtype.type(nodata) if is_float else nodata)] = np.nan
             scale, offset = file.scales[0], file.offsets[0]
             yield start, heights if (scale, offset) == (1.0, 0.0) else heights * scale + offset
+
+
+@contextlib.contextmanager
+def _quiet_about_place() -> Iterator[None]:
+    """Keep rasterio from warning of a raster without a place, which is refused anyway."""
+    from rasterio.errors import NotGeoreferencedWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        yield
 
 
 @contextlib.contextmanager
@@ -454,9 +468,13 @@ def _elevations(path: Path) -> Iterator[Any]:
 
     if not path.exists():
         raise InputNotFoundError(f"{path}: no such file")
-    with _gdal(path, is_output=False), rasterio.open(path, driver="GTiff") as file:
+    with (
+        _gdal(path, is_output=False),
+        _quiet_about_place(),
+        rasterio.open(path, driver="GTiff") as file,
+    ):
         t = file.transform
-        if file.count != 1 or t.b or t.d or not (t.a > 0 > t.e) or file.dtypes[0] == "complex64":
+        if file.count != 1 or t.b or t.d or not (t.a > 0 > t.e) or "complex" in file.dtypes[0]:
             raise FormatError(f"{path}: not a raster of one band, north up")
         if file.width * file.height > MAX_CELLS:
             raise ResourceError(

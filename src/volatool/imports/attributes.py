@@ -42,7 +42,8 @@ class AttributeSurvey:
             return
         self.high = max(self.high, float(values.max()))
         if values.dtype.kind == "f" and not self.has_fractions:
-            self.has_fractions = bool(np.any(values != np.rint(values)))
+            with np.errstate(invalid="ignore"):  # signalling NaNs
+                self.has_fractions = bool(np.any(values != np.rint(values)))
 
 
 def factors(surveys: dict[str, AttributeSurvey]) -> dict[str, int]:
@@ -102,7 +103,8 @@ def checked(batch: Batch, name: str, factor: int) -> NDArray[Any]:
         return raw.astype(dtype)
     values = raw
     if factor != 1 or raw.dtype.kind == "f":  # float32 can't tell the half steps
-        values = np.floor(raw.astype(np.float64) * factor + 0.5)
+        with np.errstate(invalid="ignore", over="ignore"):
+            values = np.floor(raw.astype(np.float64) * factor + 0.5)
     good = (values >= 0) & (values <= largest)
     if not good.all():
         row = int(np.flatnonzero(~good)[0])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,9 @@ from volatool.model import I32, U64
 from volatool.options import ConvertOptions
 from volatool.points.frames import Reader, npy_header
 
+_BROKEN = (
+    zipfile.BadZipFile, zlib.error, KeyError, EOFError, NotImplementedError, RuntimeError,
+)  # fmt: skip
 _NAMES = ("points", "xyz", "coords")
 _CHANNELS = {
     "red": "red",
@@ -64,7 +68,7 @@ def read(path: Path, options: ConvertOptions) -> ImportedPoints:
                     f"has {len(names)} arrays, none called {', '.join(_NAMES)}", "E_NOT_IMPORT"
                 )
             return points_of(_array(archive, found[0], options.memory), "npz", options)
-    except (zipfile.BadZipFile, KeyError, EOFError, NotImplementedError, RuntimeError) as error:
+    except _BROKEN as error:
         raise FormatError(f"is no NumPy archive ({error})", "E_NOT_IMPORT") from error
 
 

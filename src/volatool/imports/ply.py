@@ -6,6 +6,7 @@ behind lists of other elements or hold lists, are read by plyfile (extra ``mesh`
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -276,8 +277,10 @@ def _plyfile(path: Path) -> Any:
             f"{path.name}: its lists need plyfile: pip install 'volatool[mesh]'", "E_NO_EXTRA"
         ) from error
     try:
-        return plyfile.PlyData.read(path, mmap=False)
-    except (plyfile.PlyParseError, ValueError, IndexError, MemoryError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numpy, of lines without numbers
+            return plyfile.PlyData.read(path, mmap=False)
+    except (plyfile.PlyParseError, ArithmeticError, ValueError, IndexError, MemoryError) as error:
         raise FormatError(f"its data can't be read ({error})") from error
 
 

@@ -111,6 +111,8 @@ class ImportSource:
         ------
         FormatError
             ``E_RANGE``, with the line or point: an attribute that does not fit.
+        InputError
+            The file is another one than when it was opened.
         """
         names = sorted(frozenset(attributes) & self.points.attributes)
         scale = tuple(axis.scale for axis in self._axes)
@@ -125,6 +127,11 @@ class ImportSource:
                 raise
             yield PointChunk(start, x, y, z, scale, offset, taken)  # type: ignore[arg-type]
             start += len(x)
+        if start != self.n_points:
+            raise InputError(
+                f"{self.name}: had {self.n_points} points when it was opened and now has {start}; "
+                "is it still being written?"
+            )
 
     def _batches(self, n_rows: int) -> Iterator[Batch]:
         """Yield the points that are there, in the axes of the volume; count those that are not."""
