@@ -51,8 +51,9 @@ def test_names_beside_the_input_in_a_folder_and_as_given(tmp_path):
         vt.export_volume(path, to="vol.gz").paths,
         vt.export_volume(path, tmp_path / "out", "dvol").paths,
         vt.export_volume(path, tmp_path / "new" / "thing.bin", "vol").paths,
+        vt.export_volume(path, f"{tmp_path}/fresh/", "dvol").paths,
     ]
-    expected = ["tile.vol.gz", "out/tile.dvol", "new/thing.bin"]
+    expected = ["tile.vol.gz", "out/tile.dvol", "new/thing.bin", "fresh/tile.dvol"]
     assert named == [(tmp_path / name,) for name in expected]
 
 

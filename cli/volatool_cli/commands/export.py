@@ -43,7 +43,7 @@ Examples:
     "--output",
     type=click.Path(),
     metavar="PATH",
-    help="The output, or a folder for it.  [default: beside the input]",
+    help="The output, or a folder/ for it.  [default: beside the input]",
 )
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("--level", type=click.IntRange(min=1), metavar="N", help="A coarser level; exact.")

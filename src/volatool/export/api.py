@@ -35,8 +35,8 @@ def export_volume(
     volume : Volume or path
         What is exported.
     output : path, optional
-        The file, or a folder that is there; beside the input by default. Of formats with several
-        files the name that they begin with.
+        The file, or a folder: one that is there, or text that ends with a slash; beside the input
+        by default. Of formats with several files the name that they begin with.
     to : str, optional
         Name of a format (`volatool.export.registry.FORMATS`); told by the output's name if not
         given.
@@ -68,7 +68,7 @@ def export_volume(
     source = None if isinstance(volume, Volume) else Path(volume)
     exporter = exporter_of(to) if to is not None else _told_by(output)
     checked.check(exporter)
-    path = output_path(source, None if output is None else Path(output), exporter)
+    path = output_path(source, output, exporter)
     if source is not None and is_same(path, source):
         raise OptionError(f"{path}: is the input; give the output another name with --output")
     if exporter.has_main:  # before any work
@@ -107,7 +107,9 @@ def _told_by(output: str | os.PathLike[str] | None) -> Exporter:
     return exporter_for(Path(output))
 
 
-def output_path(source: Path | None, output: Path | None, exporter: Exporter) -> Path:
+def output_path(
+    source: Path | None, output: str | os.PathLike[str] | None, exporter: Exporter
+) -> Path:
     """
     Return the name of an export.
 
@@ -115,8 +117,8 @@ def output_path(source: Path | None, output: Path | None, exporter: Exporter) ->
     ----------
     source : pathlib.Path or None
         The input.
-    output : pathlib.Path or None
-        As given.
+    output : path or None
+        A name; or a folder: one that is there, or text that ends with a slash.
     exporter : Exporter
         For the suffix.
 
@@ -131,11 +133,12 @@ def output_path(source: Path | None, output: Path | None, exporter: Exporter) ->
     >>> output_path(Path("a/tile.vol.gz"), None, FORMATS["laz"]).as_posix()
     'a/tile.voxels.laz'
     """
-    if output is not None and not output.is_dir():
-        if not output.name:
+    text = None if output is None else os.fspath(output)
+    if text is not None and not text.endswith(("/", os.sep)) and not Path(text).is_dir():
+        if not Path(text).name:
             raise OptionError("--output is an empty name; is a shell variable unset?")
-        return output
+        return Path(text)
     if source is None:
         raise OptionError("a volume without a file needs the name of an output file")
-    folder = source.parent if output is None else output
+    folder = source.parent if text is None else Path(text)
     return folder / (stem(source) + exporter.suffix)
