@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import struct
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+import toolkit_reader as toolkit
 from making_volumes import CUBE, INFO, random_volume
 
 from volatool.catalog.index import index_folder
@@ -206,3 +208,15 @@ def test_what_is_no_index_is_refused(tmp_path, text):
         read_index(path)
     assert caught.value.code == "E_NOT_INDEX"
     assert [problem.code for problem in validate_file(path).problems] == ["E_NOT_INDEX"]
+
+
+def test_the_original_viewer_opens_what_the_index_names(folder, monkeypatch):
+    """Each name, from the index's folder, through a reader that behaves as the original's."""
+    index_folder(folder, attribution=WHO)
+    monkeypatch.chdir(folder)
+    n_voxels = 0
+    for one in json.loads(Path("set.vola").read_text())["files"]:
+        found = toolkit.read(Path(one["filename"]).read_bytes())
+        assert list(found.box) == one["bbox"]
+        n_voxels += len(found.voxels)
+    assert n_voxels == 2 * len(random_volume())
