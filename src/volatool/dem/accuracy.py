@@ -19,7 +19,7 @@ import numpy as np
 
 from volatool.dem.checkpoints import Checkpoints
 from volatool.dem.distance import FILLED
-from volatool.dem.geotiff import read_heights_at, read_profile, read_values_at
+from volatool.dem.raster import read_heights_at, read_profile, read_values_at
 from volatool.errors import CRSError, FormatError, InputError
 from volatool.model import F64, CrsInfo
 

@@ -30,7 +30,7 @@ def grid_like(path: Path, crs: CrsInfo, option: str = "--like") -> Grid:
     InputNotFoundError, FormatError, ResourceError
         Not there; not such a raster; too many cells.
     """
-    from volatool.dem.geotiff import read_grid
+    from volatool.dem.raster import read_grid
 
     grid, wkt = read_grid(path)
     if wkt is not None and crs.wkt2 is not None:

@@ -238,8 +238,8 @@ def _ground(volume: Volume, grid: Grid, name: str | None) -> F64:
         coarse = coarser(grid, step)
         return resampled(ground_under(volume, coarse), coarse, grid)
     from volatool.dem.accuracy import crs_of
-    from volatool.dem.geotiff import read_dem
     from volatool.dem.like import grid_like
+    from volatool.dem.raster import read_dem
 
     path = Path(name)
     grid_like(path, volume.crs, "--ground")
