@@ -52,7 +52,7 @@ def test_the_place_of_a_window_is_told():
 @settings(max_examples=40, deadline=None)
 def test_only_the_cells_between_two_corners_are_found(data):
     ends = st.integers(0, 63)
-    a, b = (np.array(data.draw(st.tuples(ends, ends, ends)), np.int32) for _ in range(2))
+    a, b = (np.array(data.draw(st.tuples(ends, ends, ends)), np.int64) for _ in range(2))
     first, last = np.minimum(a, b), np.maximum(a, b)
     voxels = VOLUME.voxels()
     keep = np.all((voxels >= first) & (voxels <= last), axis=1)

@@ -452,16 +452,6 @@ class Volume:
 
         return Directory.of(self.levels)
 
-    @cached_property
-    def _ranks(self) -> tuple[I64, ...]:
-        """Rank directory: set bits before each word of each level."""
-        ranks = []
-        for words in self.levels:
-            rank = np.zeros(len(words), np.int64)
-            np.cumsum(np.bitwise_count(words[:-1]), out=rank[1:])
-            ranks.append(rank)
-        return tuple(ranks)
-
     def metadata_words(self, level: int | None = None) -> U64:
         """
         Return the metadata words of the blocks of a level.
