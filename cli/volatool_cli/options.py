@@ -74,15 +74,17 @@ of_height = click.option(
 
 selection = group(of_class, of_place, of_height)
 
+chunk_points = click.option(
+    "--chunk-points",
+    type=click.IntRange(min=1),
+    default=250_000,
+    show_default=True,
+    metavar="N",
+    help="Points read at a time; does not change any result.",
+)
+
 reading = group(
-    click.option(
-        "--chunk-points",
-        type=click.IntRange(min=1),
-        default=250_000,
-        show_default=True,
-        metavar="N",
-        help="Points read at a time; does not change any result.",
-    ),
+    chunk_points,
     click.option("--salvage", is_flag=True, help="Use the readable points of a damaged file."),
     click.option("--strict", is_flag=True, help="Refuse files with faults that are warnings."),
 )
@@ -148,6 +150,12 @@ depth = group(
     ),
 )
 
+split = click.option(
+    "--split",
+    type=LengthType(),
+    help="One volume per snapped cube of this side: NAME_x{X}_y{Y}_z{Z}.vol.gz.",
+)
+
 metadata = click.option(
     "--meta",
     type=WordsType(*CHANNELS),
@@ -155,6 +163,22 @@ metadata = click.option(
     default=",".join(CHANNELS),
     show_default="all that the file has",
     help="Metadata per block: rgb,height,returns,intensity,class or none.",
+)
+
+volume_files = group(
+    click.option(
+        "--dense",
+        type=click.Choice(["auto", "always", "never"]),
+        default="auto",
+        show_default="auto: up to 64 MiB",
+        help="Write the dense volume too.",
+    ),
+    click.option("--gzip/--no-gzip", default=True, show_default=True, help="Compress the volumes."),
+    click.option(
+        "--compat",
+        type=click.Choice(["toolkit"]),
+        help="Write the bytes of the original VOLA toolkit; needs --depth.",
+    ),
 )
 
 memory = click.option(
@@ -258,6 +282,8 @@ dem = group(
     ),
 )
 
+overwrite = click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+
 output = group(
     click.option(
         "-o",
@@ -266,9 +292,13 @@ output = group(
         metavar="DIR",
         help="Folder for the outputs; made if need be.  [default: beside the input]",
     ),
-    click.option("--overwrite", is_flag=True, help="Replace outputs that exist."),
+    overwrite,
     click.option("--dry-run", is_flag=True, help="Say what would be written; read headers only."),
     click.option("--fail-fast", is_flag=True, help="Stop at the first input that fails."),
+)
+
+as_reports = click.option(
+    "--json", "as_json", is_flag=True, help="Print a report a line instead of paths."
 )
 
 no_resources = click.option(

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Write it there and print the path.  [default: print it]",
 )
-@click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
+@options.overwrite
 @click.option("--resample", is_flag=True, help="Bring B to the grid of A if it is on another one.")
 @click.option(
     "--noise",

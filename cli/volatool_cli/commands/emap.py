@@ -121,7 +121,7 @@ from volatool_cli.params import BoundsType, LengthType, SizeType, WordsType
     default="none",
     help="More rasters beside each model: count,flag,distance,sigma.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@options.overwrite
 @click.option("--fail-fast", is_flag=True, help="Stop at the first scan that can't be used.")
 @click.option(
     "--memory",
