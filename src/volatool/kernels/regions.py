@@ -18,7 +18,7 @@ def range_mask(block, first, last):
 
     Parameters
     ----------
-    block : (3,) array of int64
+    block : (3,) array of int
         x, y, z of the block, in blocks.
     first, last : (3,) arrays of int64
         Cells, both inclusive.
