@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Iterable, Iterator
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +23,6 @@ from volatool.vola.volume import Volume
 SCHEMA = "volatool.diff/1"
 _DEGREE_DIGITS = 8  # a millimetre
 _COORDINATE_DIGITS = 4
-
-
-@functools.cache
-def schema() -> dict[str, Any]:
-    """Return the JSON Schema of `document`."""
-    text = files("volatool").joinpath("diff.schema.json").read_text(encoding="utf-8")
-    loaded: dict[str, Any] = json.loads(text)
-    return loaded
 
 
 def compare(
