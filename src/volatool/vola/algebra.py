@@ -23,8 +23,32 @@ OPERATIONS = tuple(_MODES)
 """What `combine` can do: union, intersection, symmetric difference, difference."""
 
 
+def rectangle_of(bounds: Bounds | Sequence[float] | None) -> Bounds:
+    """
+    Return a rectangle that may be given as four numbers; None is the whole plane.
+
+    Raises
+    ------
+    OptionError
+        Not four numbers, left above right or bottom above top, or one is NaN.
+    """
+    if isinstance(bounds, Bounds):
+        return bounds
+    infinite = (-math.inf, -math.inf, math.inf, math.inf)
+    given = [float(number) for number in (infinite if bounds is None else bounds)]
+    if len(given) != 4:
+        raise OptionError(f"bounds are four numbers, left, bottom, right, top; got {len(given)}")
+    try:
+        return Bounds(*given)
+    except ValueError as error:
+        raise OptionError(str(error)) from error
+
+
 def crop(
-    volume: Volume, bounds: Bounds | None = None, *, z: tuple[float, float] | None = None
+    volume: Volume,
+    bounds: Bounds | Sequence[float] | None = None,
+    *,
+    z: tuple[float, float] | None = None,
 ) -> Volume:
     """
     Return the part of a volume in a box, on the same grid.
@@ -33,7 +57,7 @@ def crop(
     ----------
     volume : Volume
         What is cut.
-    bounds : Bounds, optional
+    bounds : Bounds or four float, optional
         Closed rectangle, in units of the CRS; may be infinite.
     z : tuple of 2 float, optional
         Lowest and highest, both included, in the vertical unit; may be infinite.
@@ -50,12 +74,12 @@ def crop(
     Raises
     ------
     OptionError
-        The lowest z is above the highest, or one is not a number.
+        The lowest z is above the highest, or one is not a number; as `rectangle_of`.
     """
     z = (-math.inf, math.inf) if z is None else z
     if not z[0] <= z[1]:
         raise OptionError(f"z must be lowest, highest; got {z[0]:g}, {z[1]:g}")
-    box = Bounds(-math.inf, -math.inf, math.inf, math.inf) if bounds is None else bounds
+    box = rectangle_of(bounds)
     sides = ((box.left, box.right), (box.bottom, box.top), z)
     ranges = [_cells_between(volume, axis, *ends) for axis, ends in enumerate(sides)]
     if all(low <= 0 and high >= 4**volume.depth - 1 for low, high in ranges):

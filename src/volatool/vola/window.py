@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from volatool.cube import Cube
 from volatool.errors import OptionError, ResourceError
 from volatool.model import I32, Bool, Bounds
 from volatool.units import format_size
-from volatool.vola.algebra import _cells_between
+from volatool.vola.algebra import _cells_between, rectangle_of
 from volatool.vola.volume import Volume
 
 WINDOW_LIMIT_BYTES = 1 << 30
@@ -122,7 +122,7 @@ class Window:
 
 def window_of(
     volume: Volume,
-    bounds: Bounds | None = None,
+    bounds: Bounds | Sequence[float] | None = None,
     level: int | None = None,
     *,
     z: tuple[float, float] | None = None,
@@ -134,7 +134,7 @@ def window_of(
     ----------
     volume : Volume
         The volume.
-    bounds : Bounds, optional
+    bounds : Bounds or four float, optional
         Closed rectangle, in units of the CRS; the whole cube by default.
     level : int, optional
         1 to the depth; the deepest by default.
@@ -150,13 +150,15 @@ def window_of(
     Raises
     ------
     OptionError
-        The box lies outside the cube, or there is no such level.
+        The box lies outside the cube, or is none; or there is no such level.
     """
     level = volume.depth if level is None else level
     volume.n_cells(level)  # refuses one that is not there
     placed = half_open(volume)
-    box = Bounds(-math.inf, -math.inf, math.inf, math.inf) if bounds is None else bounds
+    box = rectangle_of(bounds)
     heights = (-math.inf, math.inf) if z is None else z
+    if not heights[0] <= heights[1]:
+        raise OptionError(f"z must be lowest, highest; got {heights[0]:g}, {heights[1]:g}")
     sides = ((box.left, box.right), (box.bottom, box.top), heights)
     ranges = [_cells_between(placed, axis, *ends) for axis, ends in enumerate(sides)]
     if any(low > high for low, high in ranges):
