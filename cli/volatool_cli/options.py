@@ -13,6 +13,7 @@ from volatool_cli.params import (
     BoundsType,
     CodesType,
     DepthType,
+    FloatRange,
     LengthType,
     SizeType,
     WordsType,
@@ -128,7 +129,7 @@ depth = group(
     click.option("--resolution", type=LengthType(), help="Cell edge; the nearest not coarser."),
     click.option(
         "--min-occupancy",
-        type=click.FloatRange(0, 1, min_open=True),
+        type=FloatRange(0, 1, min_open=True),
         default=0.15,
         show_default=True,
         metavar="FRACTION",
@@ -247,7 +248,7 @@ dem = group(
     ),
     click.option(
         "--holdout",
-        type=click.FloatRange(0, 50, min_open=True),
+        type=FloatRange(0, 50, min_open=True),
         metavar="PERCENT",
         help="Judge the DEM by so many points, made once more without them; see the report.",
     ),

@@ -67,7 +67,8 @@ class Length:
         """
         if isinstance(text, Length):
             return text
-        match = _LENGTH.fullmatch(str(text).strip())
+        text = str(text).strip()
+        match = _LENGTH.fullmatch(text)
         if match is not None and or_zero and not Fraction(match[1]):
             return cls(Fraction(0), match[2])
         if match is None or not 0 < Fraction(match[1]) <= _LONGEST:

@@ -171,6 +171,9 @@ def test_a_gate_for_scripts(epochs):
     done = run("may.vol.gz", "june.vol.gz", "--fail-above", 10)
     assert "60 cubic units changed" in done.stderr
     assert run("may.vol.gz", "may.vol.gz", "--fail-above", 0).exit_code == 0
+    done = run("may.vol.gz", "june.vol.gz", "--fail-above", "nan")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "nan is not in the range x>=0" in done.stderr
 
 
 def test_a_file_is_written_whole_and_no_input_replaced(epochs):

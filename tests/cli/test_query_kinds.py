@@ -143,6 +143,7 @@ def test_sights(ask, volume):
     assert line.startswith("clear ")
     assert float(line.split()[1]) == pytest.approx(found.length[0], abs=1e-6)
     assert ask("sight", *a, "inf", 0, 0) == ["outside"]
+    assert ask("sight", "-1.7e308", 0, 0, "1.7e308", 0, 0) == ["outside"]
 
 
 def test_neighbours(ask, volume):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from volatool_cli import options
+from volatool_cli.params import FloatRange
 
 if TYPE_CHECKING:
     from volatool.vola.diff import Difference
@@ -71,7 +72,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--fail-above",
-    type=click.FloatRange(min=0),
+    type=FloatRange(min=0),
     metavar="VOLUME",
     help="Status 6 if more than this, in cubed units of the CRS, changed at significant places.",
 )

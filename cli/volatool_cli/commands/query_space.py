@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from volatool_cli import queries
-from volatool_cli.params import LengthType
+from volatool_cli.params import FloatRange, LengthType
 from volatool_cli.queries import Answer, Asked, QueryCommand, text_of
 
 if TYPE_CHECKING:
@@ -135,7 +135,7 @@ def clearance(asked: Asked, numbers: Words, to: str, **arguments: Any) -> None:
 @level
 @click.option(
     "--factor",
-    type=click.FloatRange(1),
+    type=FloatRange(1),
     default=1.5,
     show_default=True,
     metavar="F",

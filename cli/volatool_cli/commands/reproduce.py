@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from volatool_cli import options
+from volatool_cli.params import FloatRange
 
 _files = options.group(
     click.option(
@@ -36,7 +37,7 @@ def reproduce() -> None:
 @click.option("--runs", type=click.IntRange(1), default=10, show_default=True, help="Drives.")
 @click.option(
     "--duration",
-    type=click.FloatRange(1, 3600),
+    type=FloatRange(1, 3600),
     default=30.0,
     show_default=True,
     metavar="SECONDS",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -25,7 +24,10 @@ OPERATIONS = tuple(_MODES)
 
 
 def crop(
-    volume: Volume, bounds: Bounds | None = None, *, z: tuple[float, float] | None = None
+    volume: Volume,
+    bounds: Bounds | Sequence[float] | None = None,
+    *,
+    z: tuple[float, float] | None = None,
 ) -> Volume:
     """
     Return the part of a volume in a box, on the same grid.
@@ -34,7 +36,7 @@ def crop(
     ----------
     volume : Volume
         What is cut.
-    bounds : Bounds, optional
+    bounds : Bounds or four float, optional
         Closed rectangle, in units of the CRS; may be infinite.
     z : tuple of 2 float, optional
         Lowest and highest, both included, in the vertical unit; may be infinite.
@@ -51,11 +53,8 @@ def crop(
     Raises
     ------
     OptionError
-        The lowest z is above the highest, or one is not a number.
+        The lowest z is above the highest, or one is not a number; the bounds are no rectangle.
     """
-    z = (-math.inf, math.inf) if z is None else z
-    if not z[0] <= z[1]:
-        raise OptionError(f"z must be lowest, highest; got {z[0]:g}, {z[1]:g}")
     first, last = cells_meeting(volume, bounds, z)
     if (first == 0).all() and (last == 4**volume.depth - 1).all():
         return volume

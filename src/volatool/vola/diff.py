@@ -192,6 +192,9 @@ def diff(
     OptionError
         An option out of its range.
     """
+    for volume in (a, b):
+        if not isinstance(volume, Volume):
+            raise OptionError(f"diff compares volumes (vt.open), got {type(volume).__name__}")
     _check(noise, min_voxels, by)
     is_resampled = not same_grid(a, b)
     a, b = aligned(a, b, resample=resample)

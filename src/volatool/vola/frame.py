@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from volatool.errors import OptionError
 from volatool.model import F64, I64, Bounds, as_fraction
 
 if TYPE_CHECKING:
@@ -139,7 +141,9 @@ class Frame:
 
 
 def cells_meeting(
-    volume: Volume, bounds: Bounds | None = None, z: tuple[float, float] | None = None
+    volume: Volume,
+    bounds: Bounds | Sequence[float] | None = None,
+    z: tuple[float, float] | None = None,
 ) -> tuple[I64, I64]:
     """
     Return the cells that meet a closed box, worked out on exact rationals.
@@ -148,7 +152,7 @@ def cells_meeting(
     ----------
     volume : Volume
         Whose deepest level is meant.
-    bounds : Bounds, optional
+    bounds : Bounds or four float, optional
         Rectangle, in units of the CRS; may be infinite.
     z : tuple of 2 float, optional
         Lowest and highest, in the vertical unit; may be infinite.
@@ -159,13 +163,34 @@ def cells_meeting(
         Both inclusive, within the grid; ``first > last`` on an axis where there are none. Cells as
         `volatool.vola.algebra.crop` has them. `Frame.range_of` differs at the faces of cells: it
         forgives the rounding errors of coordinates, as look-ups of points do.
+
+    Raises
+    ------
+    OptionError
+        The bounds are no rectangle; the lowest z is above the highest, or one is not a number.
     """
-    box = Bounds(-math.inf, -math.inf, math.inf, math.inf) if bounds is None else bounds
+    box = _rectangle(bounds)
     heights = (-math.inf, math.inf) if z is None else z
+    if not heights[0] <= heights[1]:
+        raise OptionError(f"z must be lowest, highest; got {heights[0]:g}, {heights[1]:g}")
     sides = ((box.left, box.right), (box.bottom, box.top), heights)
     ranges = [_exact_range(volume, axis, *ends) for axis, ends in enumerate(sides)]
     first, last = np.array(ranges, np.int64).T.copy()
     return first, last
+
+
+def _rectangle(bounds: Bounds | Sequence[float] | None) -> Bounds:
+    """Return a rectangle that may be given as four numbers; None is the whole plane."""
+    if isinstance(bounds, Bounds):
+        return bounds
+    infinite = (-math.inf, -math.inf, math.inf, math.inf)
+    given = [float(number) for number in (infinite if bounds is None else bounds)]
+    if len(given) != 4:
+        raise OptionError(f"bounds are four numbers, left, bottom, right, top; got {len(given)}")
+    try:
+        return Bounds(*given)
+    except ValueError as error:
+        raise OptionError(str(error)) from error
 
 
 def _exact_range(volume: Volume, axis: int, low: float, high: float) -> tuple[int, int]:

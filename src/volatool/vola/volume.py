@@ -184,7 +184,7 @@ class Volume:
 
     def window(
         self,
-        bounds: Bounds | None = None,
+        bounds: Bounds | Sequence[float] | None = None,
         level: int | None = None,
         *,
         z: tuple[float, float] | None = None,
@@ -194,7 +194,7 @@ class Volume:
 
         Parameters
         ----------
-        bounds : Bounds, optional
+        bounds : Bounds or four float, optional
             Closed rectangle, in units of the CRS; the whole cube by default.
         level : int, optional
             1 to `depth`; the deepest by default.
@@ -634,6 +634,27 @@ class Volume:
     def __sub__(self, other: Volume) -> Volume:
         """Return the voxels that the other does not have."""
         return self._combined(other, "sub")
+
+    def crop(
+        self,
+        bounds: Bounds | Sequence[float] | None = None,
+        *,
+        z: tuple[float, float] | None = None,
+    ) -> Volume:
+        """Return the part in a box, on the same grid: `volatool.vola.algebra.crop`."""
+        from volatool.vola.algebra import crop
+
+        return crop(self, bounds, z=z)
+
+    def downsample(self, depth: int | None = None) -> Volume:
+        """Return the volume of fewer levels, one less by default: exact, as `truncated`."""
+        return self.truncated(self.depth - 1 if depth is None else depth)
+
+    def regrid(self, cube: Cube, depth: int) -> Volume:
+        """Return the volume on another grid: `volatool.vola.regrid.regrid`."""
+        from volatool.vola.regrid import regrid
+
+        return regrid(self, cube, depth)
 
     def _combined(self, other: Volume, op: str) -> Volume:
         if not isinstance(other, Volume):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -123,7 +123,7 @@ class Window:
 
 def window_of(
     volume: Volume,
-    bounds: Bounds | None = None,
+    bounds: Bounds | Sequence[float] | None = None,
     level: int | None = None,
     *,
     z: tuple[float, float] | None = None,
@@ -135,7 +135,7 @@ def window_of(
     ----------
     volume : Volume
         The volume.
-    bounds : Bounds, optional
+    bounds : Bounds or four float, optional
         Closed rectangle, in units of the CRS; the whole cube by default.
     level : int, optional
         1 to the depth; the deepest by default.
@@ -151,7 +151,7 @@ def window_of(
     Raises
     ------
     OptionError
-        The box lies outside the cube, or there is no such level.
+        The box lies outside the cube, or is none; or there is no such level.
     """
     level = volume.depth if level is None else level
     volume.n_cells(level)  # refuses one that is not there
