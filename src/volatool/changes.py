@@ -225,7 +225,7 @@ def geojson_lines(
 
 
 def _degrees(difference: Difference, x: F64, y: F64) -> tuple[F64, F64] | None:
-    from volatool.points.crs import lonlat
+    from volatool.points.crs_places import lonlat
 
     for crs in (difference.a.crs, difference.b.crs):
         found = lonlat(crs, x.ravel(), y.ravel())

@@ -13,7 +13,8 @@ from click.testing import CliRunner
 
 from volatool.cube import Cube
 from volatool.encodings import Encoding, write_volume
-from volatool.points.crs import crs_from_user, lonlat
+from volatool.points.crs import crs_from_user
+from volatool.points.crs_places import lonlat
 from volatool.vola.volume import VolumeInfo
 from volatool_cli.main import cli
 
