@@ -109,7 +109,7 @@ for command in SPACE_KINDS:
 def main() -> NoReturn:
     """Run the command line and exit; the entry point."""
     if sys.stdout is None:  # it was closed from the start: what is printed goes nowhere
-        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  for good
     try:
         status = cli.main(prog_name="volatool", standalone_mode=False)
         sys.stdout.flush()
