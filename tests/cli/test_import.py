@@ -105,6 +105,7 @@ def test_a_folder_is_searched_and_failures_are_told(volatool):
         (["a.xyz", "--from", "ply"], 4, "E_NOT_IMPORT: a.xyz: is no PLY file"),
         (["a.xyz", "--from", "doc"], 2, "'doc' is not one of"),
         (["a.xyz", "--spacing", "1m"], 2, "--spacing is for --mesh sample"),
+        (["a.xyz", "--class", "2"], 2, "E_OPTION: a.xyz: --class can't choose"),
         (["a.xyz", "--compat", "toolkit"], 2, "--compat toolkit needs --depth"),
         (["a.xyz", "--compat", "toolkit", "--depth", "2", "--from", "csv"], 4, "E_TOOLKIT"),
     ],

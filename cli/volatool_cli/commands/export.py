@@ -77,7 +77,7 @@ Examples:
     "--ground",
     type=click.Path(dir_okay=False),
     metavar="DEM.tif",
-    help="nav2: the ground.  [default: the lowest voxels around]",
+    help="nav2: the ground.  [default: the bare earth of the volume, as dem makes it]",
 )
 @click.option(
     "--near",
