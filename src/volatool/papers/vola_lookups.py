@@ -15,6 +15,7 @@ from volatool.papers import emap_octomap
 from volatool.papers.vola_scene import DEEPEST, SIDE, surface
 from volatool.vola.strips import level_strips
 from volatool.vola.volume import Volume
+from volatool.vola.words import ranks_of
 
 POINTS = 500_000
 """Points of the surface."""
@@ -253,11 +254,7 @@ def descent(volume: Volume, cells: I64) -> Callable[[], I64]:
     """
     from volatool.kernels import lookup
 
-    ranks = []
-    for words in volume.levels:
-        rank = np.zeros(len(words), np.int64)
-        np.cumsum(np.bitwise_count(words[:-1]), out=rank[1:])
-        ranks.append(rank)
+    ranks = [ranks_of(words) for words in volume.levels]
     here = np.empty(len(cells), np.int64)
 
     def work() -> I64:

@@ -12,6 +12,7 @@ from volatool.model import F64, I32, I64, U64, Bool
 from volatool.vola.algebra import Pairing, aligned, pairings, voxel_edge
 from volatool.vola.grid import is_rounded, same_grid
 from volatool.vola.volume import Volume
+from volatool.vola.words import ranks_of
 
 MAX_NOISE = 4
 """Most voxels of noise: no farther than the neighbouring block."""
@@ -258,14 +259,8 @@ def _far(bits: U64, other: Volume, steps: list[Pairing], noise: int, which: str)
                 kernels.far_bits(bits, cells, neighbours, words, ranks, other.levels[level], noise)
             )
         neighbours = kernels.neighbour_children(cells, neighbours, words, ranks, _count(cells))
-        cells, words, ranks = step.words, other.levels[level], _ranks(other.levels[level])
+        cells, words, ranks = step.words, other.levels[level], ranks_of(other.levels[level])
     raise AssertionError("a volume has at least one level")
-
-
-def _ranks(words: U64) -> I64:
-    ranks = np.zeros(len(words), np.int64)
-    np.cumsum(np.bitwise_count(words[:-1]), out=ranks[1:])
-    return ranks
 
 
 def _block_cells(steps: list[Pairing]) -> I32:
@@ -324,7 +319,7 @@ def _columns(steps: list[Pairing]) -> tuple[I64, int]:
     for step in steps[:-1]:
         flat = project_columns(step.words, columns, n_columns)
         n_cells = _count(step.words)
-        columns = column_children(step.words, columns, flat, _ranks(flat), n_cells)
+        columns = column_children(step.words, columns, flat, ranks_of(flat), n_cells)
         n_columns = _count(flat)
     return columns, n_columns
 
