@@ -149,6 +149,23 @@ def difference(one: CrsInfo, other: CrsInfo) -> str | None:
     return None
 
 
+def horizontal_difference(one: str, other: str) -> tuple[str, str] | None:
+    """
+    Return the names of the horizontal parts of two CRS if they differ.
+
+    Parameters
+    ----------
+    one, other : str
+        WKT. Parts with one code are the same, whatever else their text says.
+    """
+    both = (pyproj.CRS.from_wkt(wkt) for wkt in (one, other))
+    a, b = (crs.sub_crs_list[0] if crs.is_compound else crs for crs in both)
+    codes = a.to_authority(), b.to_authority()
+    if a.equals(b, ignore_axis_order=True) or (None not in codes and codes[0] == codes[1]):
+        return None
+    return a.name, b.name
+
+
 def _part(wkt: str, which: int) -> pyproj.CRS | None:
     """Return the horizontal (0) or vertical (1) part of a CRS."""
     try:
