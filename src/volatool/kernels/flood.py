@@ -5,68 +5,39 @@ from __future__ import annotations
 import numpy as np
 
 from volatool.kernels._jit import kernel
+from volatool.kernels.adjacent import (
+    CELLS,
+    DOWN,
+    FACES,
+    NOT_FACES,
+    UP,
+    at_sides,
+    grown,
+    meetings,
+    moved,
+    touched,
+    touching,
+)
 from volatool.kernels.contiguity import popcount
 
 _ONE = np.uint64(1)
-_LOW = np.uint64(0x1111111111111111), np.uint64(0x000F000F000F000F), np.uint64(0xFFFF)
-_HIGH = (
-    np.uint64(0x8888888888888888),
-    np.uint64(0xF000F000F000F000),
-    np.uint64(0xFFFF000000000000),
-)
-_X0, _Y0, _Z0 = _LOW
-_X3, _Y3, _Z3 = _HIGH
 _SLOTS = np.uint64(15)
 _U1, _U2, _U4, _U8, _U16, _U32 = (np.uint64(1 << i) for i in range(6))
 
+_BORDERS = np.array(
+    [
+        [0x1111111111111111, 0x8888888888888888],
+        [0x000F000F000F000F, 0xF000F000F000F000],
+        [0x000000000000FFFF, 0xFFFF000000000000],
+    ],
+    np.uint64,
+)
 _BATCH = 512  # words that are flooded together
 _STEPS = 4  # so often they grow before each is looked at
-_MOST_PAIRS = 13 * 64
-
-# columns of `meetings`
-_CELLS, _UP, _DOWN, _SIDE, _OVER_UP, _OVER_DOWN, _X_UP, _X_DOWN, _Y_UP, _Y_DOWN, _ALONG_Z = range(
-    11
-)
+_MOST_PAIRS = 13 * 64  # of the blocks of a node with blocks that come later
 
 SMALL = 1024
 """Components of fewer cells are put in order by counting."""
-
-
-@kernel
-def _along_x(word):
-    return word | ((word & ~_X3) << _U1) | ((word & ~_X0) >> _U1)
-
-
-@kernel
-def _along_y(word):
-    return word | ((word & ~_Y3) << _U4) | ((word & ~_Y0) >> _U4)
-
-
-@kernel
-def _along_z(word):
-    return word | (word << _U16) | (word >> _U16)
-
-
-@kernel
-def grown(word, is_26):
-    """
-    Cells of a block that are set or next to one that is.
-
-    Parameters
-    ----------
-    word : uint64
-        Bit ``lx + 4 ly + 16 lz``.
-    is_26 : bool
-        Next to means sharing a corner; else a face.
-
-    Returns
-    -------
-    grown : uint64
-        Nothing leaves the block.
-    """
-    if is_26:
-        return _along_z(_along_y(_along_x(word)))
-    return _along_x(word) | _along_y(word) | _along_z(word)
 
 
 @kernel
@@ -76,13 +47,13 @@ def _flood_first(words, is_26, parts):
         for i in range(words.size):
             part = words[i] & (~words[i] + _ONE)
             for _ in range(_STEPS):
-                part = _along_z(_along_y(_along_x(part))) & words[i]
+                part = grown(part, True) & words[i]
             parts[i] = part
     else:
         for i in range(words.size):
             part = words[i] & (~words[i] + _ONE)
             for _ in range(_STEPS):
-                part = (_along_x(part) | _along_y(part) | _along_z(part)) & words[i]
+                part = grown(part, False) & words[i]
             parts[i] = part
 
 
@@ -154,89 +125,6 @@ def _unite(parents, i, j):
 
 
 @kernel
-def _moved(word, left, right):
-    """Shift to the left or to the right, the other is zero: no branch."""
-    return (word << left) >> right
-
-
-@kernel
-def _touched(word, ways, k):
-    """Cells of a neighbouring block that touch a set cell of this one, by a row of `meetings`."""
-    word = _moved(word & ways[k, _SIDE], ways[k, _OVER_UP], ways[k, _OVER_DOWN])
-    word |= ((word & ways[k, _X_UP]) << _U1) | ((word & ways[k, _X_DOWN]) >> _U1)
-    word |= ((word & ways[k, _Y_UP]) << _U4) | ((word & ways[k, _Y_DOWN]) >> _U4)
-    return word | ((word & ways[k, _ALONG_Z]) << _U16) | ((word & ways[k, _ALONG_Z]) >> _U16)
-
-
-@kernel
-def _touching(word, ways, k):
-    """Cells of this block that touch a set cell of the neighbouring block, if they are set."""
-    word = _moved(word, ways[k, _OVER_DOWN], ways[k, _OVER_UP])
-    word |= ((word & ways[k, _X_UP]) << _U1) | ((word & ways[k, _X_DOWN]) >> _U1)
-    word |= ((word & ways[k, _Y_UP]) << _U4) | ((word & ways[k, _Y_DOWN]) >> _U4)
-    return word | ((word & ways[k, _ALONG_Z]) << _U16) | ((word & ways[k, _ALONG_Z]) >> _U16)
-
-
-@kernel
-def meetings(is_26):
-    """
-    Return where the blocks of a node meet each other and those of the nodes around it.
-
-    For each node around (the node itself is the first) and each of the upper half of the
-    directions, the cells of the node whose neighbour in that direction lies there: both nodes'
-    words, one moved, give all pairs of neighbouring blocks at once.
-
-    Parameters
-    ----------
-    is_26 : bool
-        All 13 directions; else the 3 over faces.
-
-    Returns
-    -------
-    nodes, directions : (k,) arrays of int64
-        Both as ``x + 3 y + 9 z``, 13 is the node itself.
-    ways : (k, 11) array of uint64
-        The cells; by how much they are shifted up or down (the other is 0) to their neighbours.
-        Of blocks that are such neighbours: the cells at the side of the one, how much up or down
-        they are shifted to what they touch in the other, and which of those spread along x up and
-        down, y up and down, z.
-    """
-    nodes, directions = np.empty(62, np.int64), np.empty(62, np.int64)
-    ways, k = np.zeros((62, 11), np.uint64), 0
-    for place in range(18):
-        node = 13 if place == 0 else 8 + place + (place > 4)
-        nx, ny, nz = node % 3 - 1, (node // 3) % 3 - 1, node // 9 - 1
-        for direction in range(14, 27):
-            dx, dy, dz = direction % 3 - 1, (direction // 3) % 3 - 1, direction // 9 - 1
-            if not is_26 and abs(dx) + abs(dy) + abs(dz) > 1:
-                continue
-            for bit in range(64):
-                x, y, z = (bit & 3) + dx, ((bit >> 2) & 3) + dy, (bit >> 4) + dz
-                # arithmetic shifts: -1 below the node, 0 in it, 1 above
-                if x >> 2 == nx and y >> 2 == ny and z >> 2 == nz:
-                    ways[k, _CELLS] |= _ONE << np.uint64(bit)
-                if x >> 2 == dx and y >> 2 == dy and z >> 2 == dz:
-                    ways[k, _SIDE] |= _ONE << np.uint64(bit)
-            if not ways[k, _CELLS]:
-                ways[k] = 0
-                continue
-            nodes[k], directions[k] = node, direction
-            to = dx - 4 * nx + 4 * (dy - 4 * ny) + 16 * (dz - 4 * nz)
-            across = -(3 * dx + 12 * dy + 48 * dz)
-            ways[k, _UP], ways[k, _DOWN] = max(to, 0), max(-to, 0)
-            ways[k, _OVER_UP], ways[k, _OVER_DOWN] = max(across, 0), max(-across, 0)
-            if is_26:
-                if dx == 0:
-                    ways[k, _X_UP], ways[k, _X_DOWN] = ~_X3, ~_X0
-                if dy == 0:
-                    ways[k, _Y_UP], ways[k, _Y_DOWN] = ~_Y3, ~_Y0
-                if dz == 0:
-                    ways[k, _ALONG_Z] = ~np.uint64(0)
-            k += 1
-    return nodes[:k], directions[:k], ways[:k]
-
-
-@kernel
 def _child(words, first, around, bit, dx, dy, dz):
     """Place of the neighbour of child `bit` of the middle node in a direction, -1 without."""
     x, y, z = (bit & 3) + dx, ((bit >> 2) & 3) + dy, (bit >> 4) + dz
@@ -280,8 +168,11 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
     rest = np.zeros(height, np.uint64)
     around[0, 13] = 0
     rest[0] = upper[0]
-    meeting = meetings(is_26)
-    room = np.empty((2, 27), np.uint64), np.empty((833, 3), np.int64)
+    later = FACES[3:]
+    if is_26:
+        later = np.concatenate((later, NOT_FACES[10:]))
+    meeting = meetings(later, is_26)
+    room = np.empty(27, np.uint64), np.empty((_MOST_PAIRS + 1, 3), np.int64)
     if height == 1:
         rest[0] = 0
         _unite_children(upper, first, around[0], leaves, starts, masks, meeting, room, parents)
@@ -309,76 +200,38 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
 
 
 @kernel
-def _at_sides(word, leaves, sides):
-    """
-    Which children of a node may touch a neighbour in each direction, and one in the opposite one.
-
-    Those with a cell at all sides that way: at an edge or a corner there need not be one.
-    """
-    x0 = x3 = y0 = y3 = z0 = z3 = np.uint64(0)
-    for place in range(leaves.size):
-        low = word & (~word + _ONE)
-        word ^= low
-        own = leaves[place]
-        x0 |= low if own & _X0 else np.uint64(0)
-        x3 |= low if own & _X3 else np.uint64(0)
-        y0 |= low if own & _Y0 else np.uint64(0)
-        y3 |= low if own & _Y3 else np.uint64(0)
-        z0 |= low if own & _Z0 else np.uint64(0)
-        z3 |= low if own & _Z3 else np.uint64(0)
-    all_ = ~np.uint64(0)
-    for direction in range(14, 27):
-        dx, dy, dz = direction % 3, (direction // 3) % 3, direction // 9
-        x, back_x = (x0, x3) if dx == 0 else (all_, all_) if dx == 1 else (x3, x0)
-        y, back_y = (y0, y3) if dy == 0 else (all_, all_) if dy == 1 else (y3, y0)
-        z, back_z = (all_, all_) if dz == 1 else (z3, z0)
-        sides[0, direction] = x & y & z
-        sides[1, direction] = back_x & back_y & back_z
-
-
-@kernel
 def _unite_children(upper, first, around, leaves, starts, masks, meeting, room, parents):
     """Join the blocks of a node with each other and with those of the nodes around it."""
     nodes, directions, ways = meeting
     sides, hits = room
     word, base = upper[around[13]], first[around[13]] - upper.size
-    _at_sides(word, leaves[base : base + popcount(word)], sides)
+    at_sides(word, leaves, base, _BORDERS, sides)
     n = 0
     for k in range(nodes.size):
         node = around[nodes[k]]
         if node < 0:
             continue
-        other = upper[node]
-        pairs = (
-            word
-            & ways[k, _CELLS]
-            & sides[0, directions[k]]
-            & _moved(other, ways[k, _DOWN], ways[k, _UP])
-        )
-        if nodes[k] == 13:
-            pairs &= _moved(sides[1, directions[k]], ways[k, _DOWN], ways[k, _UP])
-        if not pairs:
-            continue
+        other, up, down = upper[node], ways[k, UP], ways[k, DOWN]
+        facing = other & sides[26 - directions[k]] if nodes[k] == 13 else other
+        pairs = word & ways[k, CELLS] & sides[directions[k]] & moved(facing, down, up)
         other_base = first[node] - upper.size
         while pairs:
             low = pairs & (~pairs + _ONE)
             pairs ^= low
             here = base + popcount(word & (low - _ONE))
-            there = other_base + popcount(
-                other & (_moved(low, ways[k, _UP], ways[k, _DOWN]) - _ONE)
-            )
+            there = other_base + popcount(other & (moved(low, up, down) - _ONE))
             hits[n, 0], hits[n, 1], hits[n, 2] = here, there, k
-            n += (_touched(leaves[here], ways, k) & leaves[there]) != 0
+            n += (touched(leaves[here], ways, k) & leaves[there]) != 0
     for hit in range(n):
         here, there, k = hits[hit, 0], hits[hit, 1], hits[hit, 2]
-        touched = _touched(leaves[here], ways, k) & leaves[there]
-        touching = _touching(touched, ways, k) & leaves[here] & ways[k, _SIDE]
-        i = _part_of(masks, starts[here], touching & (~touching + _ONE))
-        j = _part_of(masks, starts[there], touched & (~touched + _ONE))
-        if not (touching & ~masks[i] or touched & ~masks[j]):
+        reached = touched(leaves[here], ways, k) & leaves[there]
+        reaching = touching(reached, ways, k) & leaves[here]
+        i = _part_of(masks, starts[here], reaching & (~reaching + _ONE))
+        j = _part_of(masks, starts[there], reached & (~reached + _ONE))
+        if not (reaching & ~masks[i] or reached & ~masks[j]):
             _unite(parents, i, j)
         else:
-            _unite_parts(here, there, touched, starts, masks, ways, k, parents)
+            _unite_parts(here, there, starts, masks, ways, k, parents)
 
 
 @kernel
@@ -394,14 +247,13 @@ def _part_of(masks, start, cell):
 
 
 @kernel
-def _unite_parts(here, there, touched, starts, masks, ways, k, parents):
+def _unite_parts(here, there, starts, masks, ways, k, parents):
     """Join the parts of two blocks that touch each other."""
     for i in range(starts[here], starts[here + 1]):
-        reached = _touched(masks[i], ways, k) & touched
-        if reached:
-            for j in range(starts[there], starts[there + 1]):
-                if reached & masks[j]:
-                    _unite(parents, i, j)
+        reached = touched(masks[i], ways, k)
+        for j in range(starts[there], starts[there + 1]):
+            if reached & masks[j]:
+                _unite(parents, i, j)
 
 
 @kernel
@@ -504,7 +356,7 @@ def measure(starts, masks, numbers, ranks, blocks, boxes):
             k = ranks[numbers[part]]
             numbers[part] = k
             plane = mask | (mask >> _U32)
-            plane = (plane | (plane >> _U16)) & _Z0
+            plane = (plane | (plane >> _U16)) & np.uint64(0xFFFF)
             line = plane | (plane >> _U8)
             line = (line | (line >> _U4)) & _SLOTS
             boxes[k, 0] = min(boxes[k, 0], x + _lowest(line))
