@@ -104,6 +104,32 @@ def pair_words(words_a, words_b, blocks_a, blocks_b, mode):
 
 
 @kernel
+def part_words(words, words_a, blocks_a):
+    """
+    Part the bits of blocks into those that a volume has, and the others.
+
+    Parameters
+    ----------
+    words : (k,) array of uint64
+        The bits.
+    words_a : (n,) array of uint64
+        Occupancy words of a level.
+    blocks_a : (k,) array of int64
+        Which word is that of a block, -1 where the volume has no such block.
+
+    Returns
+    -------
+    own, others : (k,) arrays of uint64
+    """
+    own, others = np.empty(words.size, np.uint64), np.empty(words.size, np.uint64)
+    for i in range(words.size):
+        a = words_a[blocks_a[i]] if blocks_a[i] >= 0 else np.uint64(0)
+        own[i] = words[i] & a
+        others[i] = words[i] & ~a
+    return own, others
+
+
+@kernel
 def pair_children(words, words_a, words_b, blocks_a, blocks_b, n_cells):
     """
     Where two volumes have the cells of their common blocks: one step down both trees at once.
