@@ -16,6 +16,7 @@ from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, InputError
 from volatool.model import F64, Bool
 from volatool.outputs import OutputSet
+from volatool.units import format_quantity
 from volatool.vola.algebra import voxel_edge, voxel_size
 from volatool.vola.diff import Difference, diff
 from volatool.vola.volume import Volume
@@ -339,8 +340,8 @@ def text(summary: dict[str, Any]) -> str:
 
 def _amount(row: dict[str, Any], unit: str) -> str:
     if row["volume_m3"] is not None:
-        return f"{row['volume_m3']:,.6g} m3"
-    return f"{row['volume']:,.6g} {unit}3"
+        return f"{format_quantity(row['volume_m3'])} m3"
+    return f"{format_quantity(row['volume'])} {unit}3"
 
 
 def write_lines(lines: Iterable[str], path: Path, overwrite: bool) -> None:

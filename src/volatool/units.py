@@ -126,6 +126,18 @@ def parse_size(text: str | int) -> int:
     return int(Fraction(match[1]) * 1024 ** _POWERS[match[2].upper()])
 
 
+def format_quantity(value: float) -> str:
+    """
+    Return an area or volume for people: six digits, but no power of ten where it is large.
+
+    Examples
+    --------
+    >>> format_quantity(80952.2094), format_quantity(1765396.4), format_quantity(4.5e-13)
+    ('80,952.2', '1,765,396', '4.5e-13')
+    """
+    return f"{value:,.0f}" if abs(value) >= 1e5 else f"{value:,.6g}"
+
+
 def format_size(n_bytes: int) -> str:
     """
     Return a size for people, 1024-based.

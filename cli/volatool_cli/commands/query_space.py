@@ -75,6 +75,8 @@ def components(asked: Asked, connectivity: str, top: int, **arguments: Any) -> N
 
 def _table(found: Components, rows: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of the table: numbers to the right."""
+    from volatool.units import format_quantity
+
     n, voxels = len(found), int(found.sizes.sum())
     yield f"{n} component{'s' * (n != 1)} of {voxels} voxel{'s' * (voxels != 1)}"
     if not rows:
@@ -83,7 +85,7 @@ def _table(found: Components, rows: list[dict[str, Any]]) -> Iterator[str]:
         (
             str(row["rank"]),
             str(row["voxels"]),
-            f"{row['volume']:.6g}",
+            format_quantity(row["volume"]).replace(",", ""),
             *map(text_of, row["box"]),
         )
         for row in rows
