@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from volatool.errors import OptionError
 from volatool.model import F64, I64, Bool
 from volatool.vola.frame import Frame
+from volatool.vola.rows import rows_of
 
 if TYPE_CHECKING:
     from volatool.vola.volume import Volume
@@ -167,7 +168,7 @@ def _pairs(a: ArrayLike, b: ArrayLike) -> tuple[F64, F64]:
     """Return two (n, 3) arrays."""
     try:
         left, right = np.broadcast_arrays(np.asarray(a, np.float64), np.asarray(b, np.float64))
-        return left.reshape(-1, 3), right.reshape(-1, 3)
+        return rows_of(left), rows_of(right)
     except ValueError as error:
         raise OptionError(f"expected rows of x, y, z, as many or one: {error}") from error
 

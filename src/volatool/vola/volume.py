@@ -18,6 +18,7 @@ from volatool.cube import MAX_DEPTH, Cube
 from volatool.errors import FormatError, OptionError, ResourceError
 from volatool.model import F64, I32, I64, U64, Bool, Bounds, CrsInfo, LevelCounts
 from volatool.vola.info import VolumeInfo
+from volatool.vola.rows import rows_of
 from volatool.vola.words import count_level, frozen, popcount
 
 if TYPE_CHECKING:
@@ -284,7 +285,7 @@ class Volume:
         counts as on it, and so belongs to the cell above.
         """
         level = self._level(level)
-        points = np.asarray(xyz, np.float64).reshape(-1, 3)
+        points = rows_of(xyz)
         cells = np.empty(points.shape, np.int64)
         for start in range(0, len(points), _SLAB):  # temporary arrays stay in the cache
             piece = slice(start, start + _SLAB)
@@ -380,7 +381,7 @@ class Volume:
             Row of the cell in `voxels` (and of its block in the next level), -1 if it is not set.
         """
         level = self._level(level)
-        indices: I64 = np.ascontiguousarray(np.asarray(cells, np.int64).reshape(-1, 3))
+        indices: I64 = np.ascontiguousarray(rows_of(cells, 3, np.int64, what="cells"))
         return self.directory.find(indices, level)
 
     def ray(
