@@ -107,6 +107,7 @@ for command in SPACE_KINDS:
 
 def main() -> NoReturn:
     """Run the command line and exit; the entry point."""
+    logging.captureWarnings(True)  # of NumPy and others: no line of ours, and none that helps
     try:
         status = cli.main(prog_name="volatool", standalone_mode=False)
         if sys.stdout is not None:  # None: it was closed from the start
