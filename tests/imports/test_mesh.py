@@ -155,7 +155,7 @@ def test_groups_of_triangles_do_not_matter(tmp_path, monkeypatch, group):
 def test_too_many_voxels_are_refused(tmp_path):
     (tmp_path / "a.stl").write_bytes(stl(BOX))
     for options in ({}, {"mesh": "sample"}):
-        with pytest.raises(ResourceError, match="more than the 16384 (voxels|points)"):
+        with pytest.raises(ResourceError, match=r"more than the 16384 (voxels|points)"):
             points_of(tmp_path / "a.stl", depth=5, memory="1M", **options)
 
 

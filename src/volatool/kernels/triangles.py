@@ -140,7 +140,7 @@ def touched_cells(triangles, depth, cells, limit):
 
 @kernel
 def _steps(length, spacing):
-    """Steps of at most `spacing`; of a crafted one no more than an integer holds."""
+    """Return the steps of at most `spacing`; of a crafted one no more than an integer holds."""
     return np.int64(np.ceil(min(length / spacing, 1e15)))
 
 
