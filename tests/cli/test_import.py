@@ -121,6 +121,17 @@ def test_what_can_not_be_is_refused(tmp_path, monkeypatch, arguments, status, me
     assert not list(tmp_path.glob("*.vol*"))
 
 
+def test_a_missing_package_is_a_matter_of_usage(volatool):
+    """Exit status 2, as for export; not one of the input."""
+    (volatool.folder / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    hidden = volatool.folder / "hidden"
+    hidden.mkdir()
+    text = "raise ModuleNotFoundError('No module named trimesh', name='trimesh')"
+    (hidden / "trimesh.py").write_text(text)
+    done = volatool("import", "m.obj", env={"PYTHONPATH": str(hidden)})
+    assert (done.returncode, "pip install 'volatool[mesh]'" in done.stderr) == (2, True)
+
+
 def test_no_points_are_an_empty_report(volatool):
     (volatool.folder / "a.ply").write_bytes(ply({axis: np.zeros(0) for axis in "xyz"}))
     done = volatool("import", "a.ply")
