@@ -28,6 +28,30 @@ Job = tuple[Callable[[], Any], float]
 """What to run, and how many of its unit are done."""
 
 
+def tile_parser(text: str | None) -> argparse.ArgumentParser:
+    """Return a parser of a tile and how it is to be made a volume."""
+    shared = os.environ.get("VOLATOOL_SHARED")
+    parser = argparse.ArgumentParser(description=text)
+    parser.add_argument(
+        "tile",
+        nargs="?",
+        type=Path,
+        default=shared and Path(shared) / "tiles" / "ahn3_cropped_1.laz",
+        help="LAS, LAZ or VOLA; by default the Delft tile in VOLATOOL_SHARED",
+    )
+    parser.add_argument("--depth", type=int, default=5)
+    parser.add_argument("--crs", help="of a tile that has none")
+    return parser
+
+
+def parsed(parser: argparse.ArgumentParser) -> argparse.Namespace:
+    """Return the arguments, which must name a tile."""
+    arguments = parser.parse_args()
+    if not arguments.tile:
+        parser.error("give a tile, or set VOLATOOL_SHARED")
+    return arguments
+
+
 def made_volume(tile: Path, depth: int, crs: str | None, folder: Path) -> vt.Volume:
     """Return the volume of a tile; a VOLA file as it is."""
     if ".vol" in tile.name or ".dvol" in tile.name:
@@ -217,24 +241,12 @@ def show(result: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    shared = os.environ.get("VOLATOOL_SHARED")
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "tile",
-        nargs="?",
-        type=Path,
-        default=shared and Path(shared) / "tiles" / "ahn3_cropped_1.laz",
-        help="LAS, LAZ or VOLA; by default the Delft tile in VOLATOOL_SHARED",
-    )
-    parser.add_argument("--depth", type=int, default=5)
-    parser.add_argument("--crs", help="of a tile that has none")
+    parser = tile_parser(__doc__)
     parser.add_argument("--points", type=int, default=1_000_000)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--open3d", metavar="PYTHON", help="an interpreter that has open3d")
     parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    if not arguments.tile:
-        parser.error("give a tile, or set VOLATOOL_SHARED")
+    arguments = parsed(parser)
 
     def here(package: str) -> str | None:
         return sys.executable if importlib.util.find_spec(package) else None

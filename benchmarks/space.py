@@ -5,14 +5,12 @@ One table, as Markdown; CPU time of this process, medians. Labels are held again
 
 from __future__ import annotations
 
-import argparse
-import os
 import statistics
 import tempfile
 from pathlib import Path
 
 import numpy as np
-from query import chosen_points, cpu_seconds, made_volume
+from query import chosen_points, cpu_seconds, made_volume, parsed, tile_parser
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
@@ -117,23 +115,11 @@ def path_rows(volume: vt.Volume, n: int) -> None:
 
 
 def main() -> None:
-    shared = os.environ.get("VOLATOOL_SHARED")
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "tile",
-        nargs="?",
-        type=Path,
-        default=shared and Path(shared) / "tiles" / "ahn3_cropped_1.laz",
-        help="LAS, LAZ or VOLA; by default the Delft tile in VOLATOOL_SHARED",
-    )
-    parser.add_argument("--depth", type=int, default=5)
-    parser.add_argument("--crs", help="of a tile that has none")
+    parser = tile_parser(__doc__)
     parser.add_argument("--points", type=int, default=200_000)
     parser.add_argument("--paths", type=int, default=40)
     parser.add_argument("--runs", type=int, default=5)
-    arguments = parser.parse_args()
-    if not arguments.tile:
-        parser.error("give a tile, or set VOLATOOL_SHARED")
+    arguments = parsed(parser)
     with tempfile.TemporaryDirectory() as name:
         volume = made_volume(arguments.tile, arguments.depth, arguments.crs, Path(name))
     print(f"{arguments.tile.name}: {volume!r}, {volume.n_blocks()} blocks\n")

@@ -52,6 +52,34 @@ def test_a_folder_in_place_of_an_output_is_refused_even_with_overwrite(tmp_path)
         outputs.add(tmp_path / "a")
 
 
+def test_a_pipe_or_device_is_never_replaced(tmp_path):
+    os.mkfifo(tmp_path / "a")
+    with OutputSet(overwrite=True) as outputs, pytest.raises(OutputExistsError, match="pipe"):
+        outputs.add(tmp_path / "a")
+    with OutputSet(overwrite=True) as outputs, pytest.raises(OutputExistsError, match="device"):
+        outputs.add(Path("/dev/null"))
+    assert names(tmp_path) == ["a"]
+
+
+def test_a_link_counts_as_there_even_if_it_leads_nowhere(tmp_path):
+    (tmp_path / "a").symlink_to("nowhere")
+    with OutputSet() as outputs, pytest.raises(OutputExistsError, match="--overwrite"):
+        outputs.add(tmp_path / "a")
+    with OutputSet(overwrite=True) as outputs:
+        outputs.add(tmp_path / "a").write_text("new")
+        outputs.commit()
+    assert names(tmp_path) == ["a"]
+    assert not (tmp_path / "a").is_symlink()
+
+
+def test_errors_tell_the_name_that_was_asked_for(tmp_path):
+    with OutputSet() as outputs:
+        outputs.add(tmp_path / "a.vol.gz")  # not written
+        with pytest.raises(OutputError, match=re.escape(f"{tmp_path}/a.vol.gz: can't")) as caught:
+            outputs.commit()
+    assert ".tmp" not in str(caught.value)
+
+
 def test_a_file_in_place_of_the_folder_is_a_write_error(tmp_path):
     (tmp_path / "file").touch()
     with OutputSet() as outputs, pytest.raises(OutputError, match="can't be written"):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -26,6 +28,18 @@ def test_import_loads_nothing_heavy():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+def test_only_the_modules_that_contributing_names_know_the_libraries_for_files_and_crs():
+    """laspy, lazrs and pyproj in points/; rasterio in dem/gdal.py and dem/geotiff.py."""
+    top = Path(vt.__file__).parent
+    knowing = {}
+    for path in top.rglob("*.py"):
+        for name in re.findall(r"^\s*(?:import|from) (\w+)", path.read_text("utf-8"), re.MULTILINE):
+            knowing.setdefault(name, set()).add(path.relative_to(top).as_posix())
+    assert knowing["rasterio"] == {"dem/gdal.py", "dem/geotiff.py"}
+    for name in ("laspy", "lazrs", "pyproj"):
+        assert {path.split("/")[0] for path in knowing[name]} == {"points"}
 
 
 def test_an_unknown_option_is_told():

@@ -17,7 +17,7 @@ from making_tiles import hills, write_las
 from naive_tile import count_levels
 
 import volatool as vt
-from volatool.dem.geotiff import read_dem
+from volatool.dem.raster import read_dem
 from volatool.report import Report, schema
 from volatool.validate import validate_file
 

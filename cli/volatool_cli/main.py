@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
+from pathlib import Path
 from typing import Any, NoReturn
 
 import click
@@ -107,10 +108,12 @@ for command in SPACE_KINDS:
 
 def main() -> NoReturn:
     """Run the command line and exit; the entry point."""
+    logging.captureWarnings(True)  # of NumPy and others: no line of ours, and none that helps
+    if sys.stdout is None:  # it was closed from the start: what is printed goes nowhere
+        sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  for good
     try:
         status = cli.main(prog_name="volatool", standalone_mode=False)
-        if sys.stdout is not None:  # None: it was closed from the start
-            sys.stdout.flush()
+        sys.stdout.flush()
     except click.exceptions.Abort:
         click.echo("interrupted", err=True)
         status = ExitCode.INTERRUPTED

@@ -13,6 +13,7 @@ from volatool_cli.params import (
     BoundsType,
     CodesType,
     DepthType,
+    FloatRange,
     LengthType,
     SizeType,
     WordsType,
@@ -74,15 +75,17 @@ of_height = click.option(
 
 selection = group(of_class, of_place, of_height)
 
+chunk_points = click.option(
+    "--chunk-points",
+    type=click.IntRange(min=1),
+    default=250_000,
+    show_default=True,
+    metavar="N",
+    help="Points read at a time; does not change any result.",
+)
+
 reading = group(
-    click.option(
-        "--chunk-points",
-        type=click.IntRange(min=1),
-        default=250_000,
-        show_default=True,
-        metavar="N",
-        help="Points read at a time; does not change any result.",
-    ),
+    chunk_points,
     click.option("--salvage", is_flag=True, help="Use the readable points of a damaged file."),
     click.option("--strict", is_flag=True, help="Refuse files with faults that are warnings."),
 )
@@ -126,7 +129,7 @@ depth = group(
     click.option("--resolution", type=LengthType(), help="Cell edge; the nearest not coarser."),
     click.option(
         "--min-occupancy",
-        type=click.FloatRange(0, 1, min_open=True),
+        type=FloatRange(0, 1, min_open=True),
         default=0.15,
         show_default=True,
         metavar="FRACTION",
@@ -148,6 +151,12 @@ depth = group(
     ),
 )
 
+split = click.option(
+    "--split",
+    type=LengthType(),
+    help="One volume per snapped cube of this side: NAME_x{X}_y{Y}_z{Z}.vol.gz.",
+)
+
 metadata = click.option(
     "--meta",
     type=WordsType(*CHANNELS),
@@ -155,6 +164,22 @@ metadata = click.option(
     default=",".join(CHANNELS),
     show_default="all that the file has",
     help="Metadata per block: rgb,height,returns,intensity,class or none.",
+)
+
+volume_files = group(
+    click.option(
+        "--dense",
+        type=click.Choice(["auto", "always", "never"]),
+        default="auto",
+        show_default="auto: up to 64 MiB",
+        help="Write the dense volume too.",
+    ),
+    click.option("--gzip/--no-gzip", default=True, show_default=True, help="Compress the volumes."),
+    click.option(
+        "--compat",
+        type=click.Choice(["toolkit"]),
+        help="Write the bytes of the original VOLA toolkit; needs --depth.",
+    ),
 )
 
 memory = click.option(
@@ -223,7 +248,7 @@ dem = group(
     ),
     click.option(
         "--holdout",
-        type=click.FloatRange(0, 50, min_open=True),
+        type=FloatRange(0, 50, min_open=True),
         metavar="PERCENT",
         help="Judge the DEM by so many points, made once more without them; see the report.",
     ),
@@ -258,6 +283,8 @@ dem = group(
     ),
 )
 
+overwrite = click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+
 output = group(
     click.option(
         "-o",
@@ -266,9 +293,13 @@ output = group(
         metavar="DIR",
         help="Folder for the outputs; made if need be.  [default: beside the input]",
     ),
-    click.option("--overwrite", is_flag=True, help="Replace outputs that exist."),
+    overwrite,
     click.option("--dry-run", is_flag=True, help="Say what would be written; read headers only."),
     click.option("--fail-fast", is_flag=True, help="Stop at the first input that fails."),
+)
+
+as_reports = click.option(
+    "--json", "as_json", is_flag=True, help="Print a report a line instead of paths."
 )
 
 no_resources = click.option(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,6 +14,17 @@ if TYPE_CHECKING:
     Base = click.ParamType[Any]
 else:  # not subscriptable in every click that we support
     Base = click.ParamType
+
+
+class FloatRange(click.FloatRange):
+    """A number in a range; NaN, which no comparison refuses, is in none."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a float."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
+            self.fail(f"{number} is not in the range {self._describe_range()}.", param, ctx)
+        return number
 
 
 class LengthType(Base):

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
-from volatool.errors import CodedWarning, OptionError
+from volatool.errors import CodedWarning, OptionError, ResourceError
 from volatool_cli import options
 
 if TYPE_CHECKING:
@@ -158,8 +158,9 @@ class Asked:
 
         Raises
         ------
-        OptionError
-            A query is not what it should be: says where. All queries before it are answered.
+        OptionError, ResourceError
+            A query is not what it should be, or takes too much: says where. All queries before it
+            are answered.
         """
         shape = _Shape(names, short, widen)
         if words and list(words) != ["-"]:
@@ -208,12 +209,12 @@ class Asked:
             for answer in answering(np.array([row.values for row in rows])):
                 self.print(answer, rows[done].values)
                 done += 1
-        except OptionError as error:
+        except (OptionError, ResourceError) as error:
             if len(rows) == 1:
-                raise OptionError(f"{rows[0].place}: {error}", error.code) from error
+                kind = OptionError if isinstance(error, OptionError) else ResourceError
+                raise kind(f"{rows[0].place}: {error}", error.code) from error
             for row in rows[done:]:  # one by one: which of them was it?
                 self._answer_rows([row], answering)
-            raise
         finally:
             self.flush()
 

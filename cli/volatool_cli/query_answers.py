@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from volatool.units import Length
     from volatool.vola.census import Census
     from volatool.vola.rays import Hits
+    from volatool.vola.regions import BoxCount
     from volatool.vola.volume import Volume
 
 OUTSIDE = Answer("outside", {"answer": "outside"})
@@ -64,8 +65,7 @@ def boxes(volume: Volume, rows: F64) -> Iterator[Answer]:
             low, high = found.low.tolist(), found.high.tolist()
             facts["tight"] = [*low, *high]
             text = (
-                f"{found.voxels} voxels in {found.blocks} blocks, fill {text_of(found.fill)}, "
-                f"from {texts_of(low)} to {texts_of(high)}"
+                f"{_voxels(found)}, fill {found.fill:.6g}, from {texts_of(low)} to {texts_of(high)}"
             )
         yield Answer(text, facts)
 
@@ -101,9 +101,9 @@ def rays(volume: Volume, rows: F64, max_distance: Length | None) -> Iterator[Ans
 def sights(volume: Volume, rows: F64, ignore_ends: bool) -> Iterator[Answer]:
     """Answer ``sight`` for (n, 6) pairs of points."""
     found = volume.sight(rows[:, :3], rows[:, 3:], ignore_ends=ignore_ends)
-    for i, row in enumerate(rows.tolist()):
+    for i in range(len(rows)):
         length = float(found.length[i])
-        if not all(map(math.isfinite, row)):
+        if not found.is_clear[i] and found.blockers.index[i] < 0:  # not finite
             yield OUTSIDE
         elif found.is_clear[i]:
             yield Answer(f"clear {text_of(length)}", {"answer": "clear", "length": length})
@@ -165,10 +165,7 @@ def census(found: Census, more: dict[str, Any] | None = None) -> Answer:
     facts = {"answer": "some" if found.voxels else "none", **found.to_dict(), **(more or {})}
     if not found.voxels:
         return Answer("none", facts)
-    parts = [
-        f"{found.voxels} voxels in {found.blocks} blocks, {text_of(found.volume)} cubic "
-        f"{found.unit or 'units'}"
-    ]
+    parts = [f"{_voxels(found)}, {_volume_text(found.volume)} cubic {found.unit or 'units'}"]
     if found.classes:
         parts.append("classes " + _counts(found.classes))
     for band in found.bands:
@@ -177,6 +174,16 @@ def census(found: Census, more: dict[str, Any] | None = None) -> Answer:
     for name, one in found.channels.items():
         parts.append(f"{name} {text_of(one.mean)} ({text_of(one.minimum)}..{text_of(one.maximum)})")
     return Answer("; ".join(parts), facts)
+
+
+def _voxels(found: BoxCount | Census) -> str:
+    voxels, blocks = found.voxels, found.blocks
+    return f"{voxels} voxel{'s' * (voxels != 1)} in {blocks} block{'s' * (blocks != 1)}"
+
+
+def _volume_text(volume: float) -> str:
+    """To a millionth as lengths are; what is far below one, as of deep volumes, is not 0."""
+    return text_of(volume) if volume >= 1e-3 else f"{volume:.6g}"
 
 
 def _counts(classes: dict[int, int]) -> str:

@@ -27,17 +27,14 @@ def reproduce_emap(arguments: dict[str, Any]) -> None:
     from volatool.papers.emap_scene import Drive
     from volatool.resources import n_cores
 
-    quiet = arguments["quiet"]
-    configure_logging(quiet, arguments["verbose"], arguments["log"])
-    if arguments["outdir"] == "":
-        raise OptionError("--outdir is an empty name; is a shell variable unset?")
+    quiet, outdir = _start(arguments)
     with progress_of("reproduce emap", arguments["progress"], quiet) as progress:
         result = reproduce(
             Drive(duration_s=arguments["duration"], seed=arguments["seed"]),
             runs=arguments["runs"],
             jobs=arguments["jobs"] or n_cores(),
             timing=not arguments["no_resources"],
-            outdir=None if arguments["outdir"] is None else Path(arguments["outdir"]),
+            outdir=outdir,
             overwrite=arguments["overwrite"],
             progress=progress,
         )
@@ -59,10 +56,7 @@ def reproduce_vola(arguments: dict[str, Any]) -> None:
     from volatool.papers.vola import reproduce
     from volatool_cli.run import stdin_names
 
-    quiet = arguments["quiet"]
-    configure_logging(quiet, arguments["verbose"], arguments["log"])
-    if arguments["outdir"] == "":
-        raise OptionError("--outdir is an empty name; is a shell variable unset?")
+    quiet, outdir = _start(arguments)
     names = arguments["tiles"]
     stdin = stdin_names(arguments["nul"]) if "-" in names else ()
     paths = expand(names, stdin, POINT_SUFFIXES + VOLUME_SUFFIXES) if names else []
@@ -80,11 +74,21 @@ def reproduce_vola(arguments: dict[str, Any]) -> None:
             samples=arguments["samples"],
             seed=arguments["seed"],
             timing=not arguments["no_resources"],
-            outdir=None if arguments["outdir"] is None else Path(arguments["outdir"]),
+            outdir=outdir,
             overwrite=arguments["overwrite"],
             progress=progress,
         )
     _print(result, as_json=arguments["as_json"], quiet=quiet)
+
+
+def _start(arguments: dict[str, Any]) -> tuple[bool, Path | None]:
+    """Set up messages; return whether to be quiet, and the folder for files."""
+    quiet: bool = arguments["quiet"]
+    configure_logging(quiet, arguments["verbose"], arguments["log"])
+    outdir = arguments["outdir"]
+    if outdir == "":
+        raise OptionError("--outdir is an empty name; is a shell variable unset?")
+    return quiet, None if outdir is None else Path(outdir)
 
 
 def _print(result: Reproduction, *, as_json: bool, quiet: bool) -> None:

@@ -21,6 +21,7 @@ from volatool_cli.output import configure_logging, progress_of, say_warnings
 _STATUS_OF = {
     "E_OPTION": ExitCode.USAGE,
     "E_CUBE": ExitCode.USAGE,
+    "E_NO_EXTRA": ExitCode.USAGE,
     "E_BUDGET": ExitCode.USAGE,
     "E_OUTPUT_EXISTS": ExitCode.USAGE,
     "E_WRITE": ExitCode.NOT_WRITTEN,

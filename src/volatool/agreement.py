@@ -289,7 +289,7 @@ def _is_cheap(encoding: Encoding, payload: int) -> bool:
 
 def _model_claims(document: Mapping[str, Any], path: Path) -> Iterator[str]:
     """Compare what the report says of the elevation model with its cells."""
-    from volatool.dem.geotiff import flag_counts, raster_facts
+    from volatool.dem.recheck import flag_counts, raster_facts
 
     model = document["dem"]
     if model is None:

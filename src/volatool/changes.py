@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import json
 from collections.abc import Iterable, Iterator
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, InputError
 from volatool.model import F64, Bool
 from volatool.outputs import OutputSet
+from volatool.units import format_quantity
 from volatool.vola.algebra import voxel_edge, voxel_size
 from volatool.vola.diff import Difference, diff
 from volatool.vola.volume import Volume
@@ -24,14 +24,6 @@ from volatool.vola.volume import Volume
 SCHEMA = "volatool.diff/1"
 _DEGREE_DIGITS = 8  # a millimetre
 _COORDINATE_DIGITS = 4
-
-
-@functools.cache
-def schema() -> dict[str, Any]:
-    """Return the JSON Schema of `document`."""
-    text = files("volatool").joinpath("diff.schema.json").read_text(encoding="utf-8")
-    loaded: dict[str, Any] = json.loads(text)
-    return loaded
 
 
 def compare(
@@ -234,7 +226,7 @@ def geojson_lines(
 
 
 def _degrees(difference: Difference, x: F64, y: F64) -> tuple[F64, F64] | None:
-    from volatool.points.crs import lonlat
+    from volatool.points.crs_places import lonlat
 
     for crs in (difference.a.crs, difference.b.crs):
         found = lonlat(crs, x.ravel(), y.ravel())
@@ -348,8 +340,8 @@ def text(summary: dict[str, Any]) -> str:
 
 def _amount(row: dict[str, Any], unit: str) -> str:
     if row["volume_m3"] is not None:
-        return f"{row['volume_m3']:,.6g} m3"
-    return f"{row['volume']:,.6g} {unit}3"
+        return f"{format_quantity(row['volume_m3'])} m3"
+    return f"{format_quantity(row['volume'])} {unit}3"
 
 
 def write_lines(lines: Iterable[str], path: Path, overwrite: bool) -> None:

@@ -211,4 +211,6 @@ def output_stream(path: Path) -> Iterator[BinaryIO]:
         with path.open("wb") as stream:
             yield stream
     except OSError as error:
-        raise write_error(path, error) from error
+        # a writer that wrapped the system's error took its number away
+        cause = error.__cause__
+        raise write_error(path, cause if isinstance(cause, OSError) else error) from error

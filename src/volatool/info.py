@@ -96,7 +96,7 @@ def _volume(path: Path) -> dict[str, Any]:
 
 
 def _dem(path: Path) -> dict[str, Any]:
-    from volatool.dem.geotiff import read_profile
+    from volatool.dem.raster import read_profile
 
     return read_profile(path)
 

@@ -141,11 +141,16 @@ def refuse_existing(targets: list[Path], overwrite: bool) -> None:
     """
     for target in targets:
         try:
-            is_folder, is_there = target.is_dir(), target.exists()
+            is_folder, is_file = target.is_dir(), target.is_file()
+            is_there = target.exists() or target.is_symlink()
         except (OSError, ValueError) as error:  # a name too long, or with a NUL
             raise OptionError(f"{target}: can't be the name of an output ({error})") from error
         if is_folder:
             raise OutputExistsError(f"{target}: is a folder, an output file was to be written")
+        if is_there and not is_file and not target.is_symlink():
+            raise OutputExistsError(
+                f"{target}: is a device or a pipe, only files can be written; give another name"
+            )
         if is_there and not overwrite:
             raise OutputExistsError(f"{target}: exists; give --overwrite to replace it")
 
@@ -167,12 +172,14 @@ def sweep(folder: Path) -> None:
 def write_error(path: object, error: OSError) -> OutputError:
     """Return the error for a file or folder that could not be written."""
     what_to_do = {
-        errno.ENOSPC: "free space there or choose another --outdir",
-        errno.EDQUOT: "free space there or choose another --outdir",
-        errno.EACCES: "check its permissions or choose another --outdir",
-        errno.EPERM: "check its permissions or choose another --outdir",
-        errno.EROFS: "choose another --outdir",
-    }.get(error.errno or 0, "choose another --outdir")
+        errno.ENOSPC: "free space there or choose another folder",
+        errno.EDQUOT: "free space there or choose another folder",
+        errno.EACCES: "check its permissions or choose another folder",
+        errno.EPERM: "check its permissions or choose another folder",
+    }.get(error.errno or 0, "choose another folder")
+    match = _TEMPORARY.fullmatch(Path(str(path)).name)
+    if match:  # what the user knows is the name it would have had
+        path = Path(str(path)).with_name(match["name"].rpartition(".")[0])
     return OutputError(f"{path}: can't be written ({error.strerror or error}); {what_to_do}")
 
 

@@ -203,7 +203,7 @@ def open_source(
             yield moved
             return
         if source.crs.is_geographic and source.n_points and not allow_degrees:
-            from volatool.points.crs import utm_for
+            from volatool.points.crs_places import utm_for
 
             left, bottom, _, right, top, _ = source.header.box
             zone = None

@@ -67,7 +67,8 @@ class Length:
         """
         if isinstance(text, Length):
             return text
-        match = _LENGTH.fullmatch(str(text).strip())
+        text = str(text).strip()
+        match = _LENGTH.fullmatch(text)
         if match is not None and or_zero and not Fraction(match[1]):
             return cls(Fraction(0), match[2])
         if match is None or not 0 < Fraction(match[1]) <= _LONGEST:
@@ -123,6 +124,18 @@ def parse_size(text: str | int) -> int:
     if match is None or not 0 < Fraction(match[1]) <= _LONGEST:
         raise OptionError(f"{text!r} is not a size: give bytes, or a number with K, M, G or T")
     return int(Fraction(match[1]) * 1024 ** _POWERS[match[2].upper()])
+
+
+def format_quantity(value: float) -> str:
+    """
+    Return an area or volume for people: six digits, but no power of ten where it is large.
+
+    Examples
+    --------
+    >>> format_quantity(80952.2094), format_quantity(1765396.4), format_quantity(4.5e-13)
+    ('80,952.2', '1,765,396', '4.5e-13')
+    """
+    return f"{value:,.0f}" if abs(value) >= 1e5 else f"{value:,.6g}"
 
 
 def format_size(n_bytes: int) -> str:

@@ -231,7 +231,7 @@ def _suspicions(path: Path, kind: str, volume: Volume) -> Iterator[CodedWarning]
 def _dem_problems(path: Path) -> Iterator[Problem]:
     if not path.exists():
         raise InputNotFoundError(f"{path}: no such file")
-    from volatool.dem.geotiff import check_dem
+    from volatool.dem.recheck import check_dem
 
     for code, message, offset in check_dem(path):
         yield Problem(code, f"{path}: {message}", offset)

@@ -204,7 +204,7 @@ def place_of(crs: CrsInfo, corners: Sequence[float]) -> tuple[float | None, floa
     corners : sequence of 6 float
         Smallest x, y, z, then largest.
     """
-    from volatool.points.crs import latlon
+    from volatool.points.crs_places import latlon
 
     x, y = ((corners[axis] + corners[3 + axis]) / 2 for axis in (0, 1))
     return latlon(crs, x, y) or (None, None)

@@ -47,7 +47,7 @@ def test_the_index_has_what_the_original_writes_sorted_and_relative(folder):
     """All its keys; names that open from the folder; the box of all files."""
     indexed = index_folder(folder, attribution=WHO)
     assert [path.name for path in indexed.paths] == ["set.vola"]
-    assert (indexed.n_tiles, indexed.warnings) == (2, ())
+    assert indexed.warnings == ()
     text = (folder / "set.vola").read_text()
     document = json.loads(text, parse_constant=pytest.fail)
     assert all(isinstance(document[name], str) for name in TEXTS)
@@ -180,6 +180,21 @@ def test_info_and_validate_know_an_index(folder, monkeypatch):
     assert report.kind == "index"
     assert [problem.code for problem in report.problems] == ["E_CORRUPT", "E_NOT_FOUND"]
     assert "depth is 3 in the index, 2 in the file" in report.problems[0].message
+
+
+def test_files_beside_the_index_go_before_those_of_the_same_name_elsewhere(
+    tmp_path, folder, monkeypatch
+):
+    """Where the command is run must not matter: tiles of several folders are called alike."""
+    index_folder(folder, attribution=WHO)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.chdir(elsewhere)
+    index = read_index(folder / "set.vola")
+    for one in index.files:
+        (elsewhere / one.filename).write_bytes(b"another file")
+    assert read_index(folder / "set.vola") == index
+    assert not validate_file(folder / "set.vola").problems
 
 
 def test_an_index_of_the_original_is_read_with_its_defects(folder, monkeypatch):

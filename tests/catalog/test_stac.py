@@ -17,7 +17,8 @@ from volatool.cube import Cube
 from volatool.encodings import Encoding, write_volume
 from volatool.errors import OptionError
 from volatool.model import Bounds, CrsInfo
-from volatool.points.crs import crs_from_user, latlon
+from volatool.points.crs import crs_from_user
+from volatool.points.crs_places import latlon
 from volatool.vola.info import VolumeInfo
 
 UTM = crs_from_user("EPSG:25832+7837")

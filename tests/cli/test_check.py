@@ -23,7 +23,7 @@ def town(volatool):
 
 def test_sigma_and_holdout_are_in_report_and_files(town, volatool):
     """The layer has heights' cells; intervals of the report hold about what they should."""
-    from volatool.dem.geotiff import read_dem
+    from volatool.dem.raster import read_dem
     from volatool.report import schema
 
     jsonschema.validate(town, schema())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib.resources import files
 
 import jsonschema
 import making_volumes as making
@@ -10,10 +11,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from volatool.changes import schema
 from volatool.cube import Cube
 from volatool.encodings import Encoding, write_volume
-from volatool.points.crs import crs_from_user, lonlat
+from volatool.points.crs import crs_from_user
+from volatool.points.crs_places import lonlat
 from volatool.vola.volume import VolumeInfo
 from volatool_cli.main import cli
 
@@ -44,12 +45,18 @@ def run(*arguments):
     return CliRunner().invoke(cli, ["diff", *map(str, arguments)])
 
 
+def is_valid(document):
+    schema = json.loads(files("volatool").joinpath("diff.schema.json").read_text(encoding="utf-8"))
+    jsonschema.validate(document, schema)
+    return True
+
+
 def test_the_document_has_counts_and_volumes(epochs):
     done = run("may.vol.gz", "june.vol.gz")
     assert done.exit_code == 0, done.output
     assert done.stderr == ""
     document = json.loads(done.stdout)
-    jsonschema.validate(document, schema())
+    assert is_valid(document)
     assert document["a"] == {"name": "may.vol.gz", "source": "may.laz", "points": 3,
                              "voxels": 1600, "volume": 200.0, "volume_m3": 200.0}  # fmt: skip
     assert document["both"]["voxels"] == 1600
@@ -81,7 +88,7 @@ def test_geojson_is_rectangles_in_degrees(epochs):
     collection = json.loads(done.stdout)
     assert len(done.stdout.splitlines()) == 10 + 2
     assert "crs" not in collection
-    jsonschema.validate(collection["volatool"], schema())
+    assert is_valid(collection["volatool"])
     features = collection["features"]
     assert [f["properties"]["significant"] for f in features].count(True) == 9
     total = 0
@@ -165,6 +172,9 @@ def test_a_gate_for_scripts(epochs):
     done = run("may.vol.gz", "june.vol.gz", "--fail-above", 10)
     assert "60 cubic units changed" in done.stderr
     assert run("may.vol.gz", "may.vol.gz", "--fail-above", 0).exit_code == 0
+    done = run("may.vol.gz", "june.vol.gz", "--fail-above", "nan")
+    assert (done.exit_code, done.stdout) == (2, "")
+    assert "nan is not in the range x>=0" in done.stderr
 
 
 def test_a_file_is_written_whole_and_no_input_replaced(epochs):

@@ -17,7 +17,8 @@ import pytest
 from making_scans import height, npy_bytes, pcd_bytes, scan
 
 import volatool as vt
-from volatool.dem.geotiff import check_dem, read_dem
+from volatool.dem.raster import read_dem
+from volatool.dem.recheck import check_dem
 
 RECORD = {
     "schema", "scan", "name", "points", "used", "dropped", "pose", "window", "cells", "z_min",

@@ -105,6 +105,7 @@ def test_a_folder_is_searched_and_failures_are_told(volatool):
         (["a.xyz", "--from", "ply"], 4, "E_NOT_IMPORT: a.xyz: is no PLY file"),
         (["a.xyz", "--from", "doc"], 2, "'doc' is not one of"),
         (["a.xyz", "--spacing", "1m"], 2, "--spacing is for --mesh sample"),
+        (["a.xyz", "--class", "2"], 2, "E_OPTION: a.xyz: --class can't choose"),
         (["a.xyz", "--compat", "toolkit"], 2, "--compat toolkit needs --depth"),
         (["a.xyz", "--compat", "toolkit", "--depth", "2", "--from", "csv"], 4, "E_TOOLKIT"),
     ],
@@ -118,6 +119,17 @@ def test_what_can_not_be_is_refused(tmp_path, monkeypatch, arguments, status, me
     assert message in done.stderr
     assert done.stdout == ""
     assert not list(tmp_path.glob("*.vol*"))
+
+
+def test_a_missing_package_is_a_matter_of_usage(volatool):
+    """Exit status 2, as for export; not one of the input."""
+    (volatool.folder / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    hidden = volatool.folder / "hidden"
+    hidden.mkdir()
+    text = "raise ModuleNotFoundError('No module named trimesh', name='trimesh')"
+    (hidden / "trimesh.py").write_text(text)
+    done = volatool("import", "m.obj", env={"PYTHONPATH": str(hidden)})
+    assert (done.returncode, "pip install 'volatool[mesh]'" in done.stderr) == (2, True)
 
 
 def test_no_points_are_an_empty_report(volatool):

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import product
 from pathlib import Path
 
 import click
@@ -17,7 +18,9 @@ from making_scans import npy_bytes, pcd_bytes, scan
 
 from volatool_cli.main import cli
 
-CHECKPOINTS = Path(__file__).resolve().parents[2] / "data_samples" / "town-checkpoints.csv"
+ROOT = Path(__file__).resolve().parents[2]
+CHECKPOINTS = ROOT / "data_samples" / "town-checkpoints.csv"
+VECTORS = ROOT / "docs" / "vectors"
 
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
@@ -144,8 +147,10 @@ def test_a_closed_stdout_is_status_141_without_a_traceback(volatool):
 
 
 def test_a_full_or_missing_stdout_is_told_in_one_line(volatool):
-    for redirect, status in ((">/dev/full", 5), (">&-", 0)):
-        line = f"{shlex.quote(sys.executable)} -m volatool_cli stats forest.laz {redirect}"
+    corners = shlex.quote(str(VECTORS / "sparse3-corners.vol"))
+    commands = ("stats forest.laz", f"query {corners} components")  # prints by click, and by itself
+    for command, (redirect, status) in product(commands, ((">/dev/full", 5), (">&-", 0))):
+        line = f"{shlex.quote(sys.executable)} -m volatool_cli {command} {redirect}"
         done = subprocess.run(
             ["bash", "-c", line], cwd=volatool.folder, capture_output=True, text=True, check=False
         )

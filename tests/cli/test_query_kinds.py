@@ -143,6 +143,7 @@ def test_sights(ask, volume):
     assert line.startswith("clear ")
     assert float(line.split()[1]) == pytest.approx(found.length[0], abs=1e-6)
     assert ask("sight", *a, "inf", 0, 0) == ["outside"]
+    assert ask("sight", "-1.7e308", 0, 0, "1.7e308", 0, 0) == ["outside"]
 
 
 def test_neighbours(ask, volume):
@@ -198,7 +199,7 @@ def test_a_census_of_polygons(ask, volume):
     (x0, y0), (x1, y1) = volume.centers()[:, :2].min(0), volume.centers()[:, :2].max(0)
     triangle = shapely.Polygon([(x0, y0), (x1, y0), (x0, y1)])
     square = shapely.box(x0, y0, (x0 + x1) / 2, (y0 + y1) / 2)
-    (ask.folder / "areas.wkt").write_text(f"{triangle.wkt}\n\n{square.wkt}\n")
+    (ask.folder / "areas.wkt").write_text(f"{triangle.wkt} # of the trees\n\n# and\n{square.wkt}\n")
     expected = [volume.census(polygon=shape).voxels for shape in (triangle, square)]
     wkt = ask("census", "--json", "--polygon", ask.folder / "areas.wkt")
     assert [record["voxels"] for record in wkt] == expected
@@ -217,6 +218,10 @@ def test_polygons_that_can_not_be_read(ask, monkeypatch):
         (ask.folder / "v.vol", "E_NOT_VECTOR"),
     ):
         assert ask("census", "--polygon", name, status=4).startswith(f"{code}: ")
+    (ask.folder / "bad.wkt").write_text("POLYGON ((0 0, 1 1, 1 0, 0 0))\n\nPOINT")
+    assert "bad.wkt: line 3: is not WKT" in ask(
+        "census", "--polygon", ask.folder / "bad.wkt", status=4
+    )
     monkeypatch.setitem(sys.modules, "shapely", None)
     error = ask("census", "--polygon", "POLYGON ((0 0, 1 1, 1 0, 0 0))", status=2)
     assert error.startswith("E_NO_EXTRA: --polygon")

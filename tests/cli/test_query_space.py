@@ -141,8 +141,12 @@ def test_a_search_that_is_too_large_ends_with_the_status_of_limits(asked, tmp_pa
         sparse.write(file, volume)
     done = asked("path", *[5.5] * 3, *[60.5] * 3, "--max-cells", 1024, file="rubble.vol")
     assert (done.exit_code, done.stdout) == (7, "")
-    assert done.stderr.startswith("E_SIZE: ")
+    assert done.stderr.startswith("E_SIZE: the arguments: ")
     assert "allow more cells" in done.stderr
+    lines = "5.5 5.5 5.5 5.5 5.5 5.5\n" + " ".join(["5.5"] * 3 + ["60.5"] * 3) + "\n"
+    done = asked("path", "--max-cells", 1024, file="rubble.vol", input=lines)
+    assert (done.exit_code, len(done.stdout.splitlines())) == (7, 1)
+    assert done.stderr.startswith("E_SIZE: line 2 of stdin: ")
 
 
 def test_an_empty_answer_is_no_number_in_json(asked, tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from making_dems import ground, hills
 
-from volatool.dem import accuracy, geotiff
+from volatool.dem import accuracy, geotiff, raster
 from volatool.dem.checkpoints import parse
 from volatool.dem.surfaces import make_dem
 from volatool.errors import CRSError, FormatError, InputError
@@ -82,7 +82,7 @@ def test_figures_equal_naive_ones(dem):
     """Errors by a plain bilinear reading; the standard's figures from them."""
     points = parse(surveyed(), "p")
     found = accuracy.assess(dem, points, checkpoint_rmse=0.02)
-    file = geotiff.read_dem(dem)
+    file = raster.read_dem(dem)
     errors = []
     for x, y, z in zip(points.x, points.y, points.z, strict=True):
         u, v = x - file.grid.left - 0.5, file.grid.top - y - 0.5
@@ -114,7 +114,7 @@ def test_points_off_the_dem_void_and_filled_are_counted_apart(dem):
     assert found.filled is not None
     assert "43" not in found.filled.ids
     assert "44" in found.filled.ids
-    values = geotiff.read_values_at(dem, np.array([0.0, 59.99]), np.array([30.0, 3.0]))
+    values = raster.read_values_at(dem, np.array([0.0, 59.99]), np.array([30.0, 3.0]))
     assert np.isfinite(values).all()
 
 
@@ -163,7 +163,7 @@ def test_vegetated_points_are_reported_but_not_held_against_the_requirement(dem)
 
 def test_the_sigma_layer_gives_coverage(dem, tmp_path):
     """Parts of the errors inside 1 and 1.96 standard errors with the checkpoints' own."""
-    file = geotiff.read_dem(dem)
+    file = raster.read_dem(dem)
     made = make_dem(ground(*hills(500)), METRES, 1.0)
     from dataclasses import replace
 

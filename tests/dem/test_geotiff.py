@@ -11,7 +11,9 @@ import rasterio
 from making_dems import gather, ground, hills
 from rio_cogeo import cog_validate
 
-from volatool.dem.geotiff import check_dem, read_dem, read_profile, write_dem, write_layer
+from volatool.dem.geotiff import write_dem, write_layer
+from volatool.dem.raster import read_dem, read_profile
+from volatool.dem.recheck import check_dem
 from volatool.dem.surfaces import make_dem
 from volatool.errors import FormatError, InputNotFoundError, OutputError
 from volatool.model import CrsInfo

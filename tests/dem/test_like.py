@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from making_tiles import hills, write_las
 
-from volatool.dem.geotiff import read_dem
+from volatool.dem.raster import read_dem
 from volatool.errors import CRSError, InputError, OptionError, ResourceError, VolatoolError
 from volatool.options import ConvertOptions
 from volatool.tile import convert_tile

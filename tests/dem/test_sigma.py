@@ -10,8 +10,8 @@ from making_dems import ground, hills, with_rows
 from making_tiles import write_las
 
 from volatool.dem.distance import VOID
-from volatool.dem.geotiff import read_dem
 from volatool.dem.grid import Grid
+from volatool.dem.raster import read_dem
 from volatool.dem.sigma import (
     DOUBT,
     MIDDLES,

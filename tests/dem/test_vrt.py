@@ -11,7 +11,7 @@ import pytest
 import rasterio
 from making_tiles import hills, write_las
 
-from volatool.dem.geotiff import read_dem
+from volatool.dem.raster import read_dem
 from volatool.dem.vrt import mosaic
 from volatool.errors import FormatError
 from volatool.options import ConvertOptions

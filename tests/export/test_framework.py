@@ -10,6 +10,7 @@ import pytest
 from making_volumes import CUBE, INFO, random_volume, same, volume_of
 
 import volatool as vt
+from volatool.cube import Cube
 from volatool.errors import InputError, OptionError, OutputExistsError
 from volatool.export.cells import Places, cell_chunks, channels_by_name
 from volatool.export.model import ExportOptions
@@ -101,6 +102,27 @@ def test_a_crop_without_voxels_is_an_error(tmp_path):
         vt.export_volume(random_volume(), tmp_path / "a.vol", bounds=Bounds(0, 0, 1, 1))
     assert caught.value.code == "E_EMPTY"
     assert not list(tmp_path.iterdir())
+
+
+def test_a_crop_without_voxels_tells_where_they_are(tmp_path):
+    path = stored(random_volume(), tmp_path)
+    with pytest.raises(InputError, match=r"tile\.vol: no voxel .* z \S+ to \S+$"):
+        vt.export_volume(path, to="npy", z=(1e6, 2e6))
+    with pytest.raises(InputError, match="the volume: has no voxels"):
+        vt.export_volume(volume_of([], 2), tmp_path / "a.npy")
+
+
+def test_an_exporter_s_error_names_the_volume_once(tmp_path):
+    path = stored(volume_of([(0, 0, 0)], 1, cube=Cube((0.0, 0.0, 0.0), 0.0)), tmp_path)
+    for name in ("bt", "png", "nav2", "glb"):
+        with pytest.raises(OptionError, match="no extent") as caught:
+            vt.export_volume(path, to=name)
+        assert caught.value.code == "E_CUBE"
+        assert str(caught.value).startswith(f"{path}: the cube has no extent")
+    path.unlink()
+    with pytest.raises(InputError, match="no such file") as missing:
+        vt.export_volume(stored(random_volume(), tmp_path), to="nav2", ground="no.tif")
+    assert str(missing.value).startswith("no.tif: ")
 
 
 def test_a_missing_package_says_how_to_get_it(tmp_path, monkeypatch):

@@ -15,8 +15,8 @@ from making_volumes import random_volume, volume_of
 import volatool as vt
 from volatool.cube import Cube
 from volatool.dem.grid import Grid
-from volatool.errors import CRSError, InputError, ResourceError
-from volatool.export.nav2 import resampled
+from volatool.errors import CRSError, InputError, OptionError, OutputExistsError, ResourceError
+from volatool.export.nav2 import Columns, occupancy, resampled
 from volatool.model import CrsInfo
 from volatool.points.crs import crs_from_user
 from volatool.vola.info import VolumeInfo
@@ -208,12 +208,44 @@ def test_what_makes_no_map_is_refused(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="voxels of 1 m can't tell"):
         vt.export_volume(scene(), tmp_path / "m.yaml", above=low)
     point = volume_of([(0, 0, 0)], 1, cube=Cube((0.0, 0.0, 0.0), 0.0), info=FULL)
-    with pytest.raises(InputError, match="one place"):
+    with pytest.raises(OptionError, match=r"--cube LENGTH") as caught:
         vt.export_volume(point, tmp_path / "m.yaml")
+    assert caught.value.code == "E_CUBE"
+    with pytest.raises(OptionError, match=r"m\.pgm: is the picture's name; .*, m\.yaml"):
+        vt.export_volume(scene(), tmp_path / "m.pgm", "nav2")
     monkeypatch.setattr("volatool.export.nav2.MAX_CELLS", 255)
     with pytest.raises(ResourceError, match="16 x 16 cells"):
         vt.export_volume(scene(), tmp_path / "m.yaml")
     assert [path.name for path in tmp_path.iterdir()] == ["dem.tif"]
+
+
+def test_a_picture_that_exists_is_refused_before_the_ground_is_looked_for(tmp_path):
+    (tmp_path / "m.pgm").write_text("mine")
+    with pytest.raises(OutputExistsError, match=r"m\.pgm: exists"):
+        vt.export_volume(scene(), tmp_path / "m.yaml", ground="nowhere.tif")
+    vt.export_volume(scene(), tmp_path / "m.yaml", above=BAND, overwrite=True)
+    assert (tmp_path / "m.pgm").read_bytes().startswith(b"P5")
+
+
+@pytest.mark.parametrize("near", [0.5, 1.0, 2**0.5, 2.0, 5**0.5, 3.5])
+def test_free_columns_are_those_of_plain_distances(near):
+    """Of each empty column to all others, at the limit and at ties; whatever the cell."""
+    rng = np.random.default_rng(3)
+    voxels = {(int(x), int(y), int(z)) for x, y, z in rng.integers(0, (16, 16, 2), (40, 3))}
+    cell = 0.3
+    volume = volume_of(voxels, 2, cube=Cube((5.0, 7.0, 0.0), 16 * cell), metadata=False)
+    columns = Columns.of(volume)
+    ground = np.full((columns.grid.height, columns.grid.width), 0.5 * cell)
+    image = occupancy(volume, columns, ground, 0.9 * cell, 9.0, near * cell)
+    plain = occupancy(volume, columns, ground, 0.9 * cell, 9.0)
+    for place in np.argwhere(plain == 205):
+        away = {
+            state: np.sqrt(((np.argwhere(plain == state) - place) ** 2).sum(axis=1)).min()
+            for state in (0, 254)
+        }
+        is_free = away[254] <= near + 1e-9 and away[254] < away[0]
+        assert image[tuple(place)] == (254 if is_free else 205)
+    assert (image[plain != 205] == plain[plain != 205]).all()
 
 
 def test_a_raster_between_its_centres_and_beyond():

@@ -12,7 +12,7 @@ from PIL import Image
 
 import volatool as vt
 from volatool.cube import Cube
-from volatool.errors import InputError, ResourceError
+from volatool.errors import OptionError, ResourceError
 from volatool.export.png import Frame
 from volatool.model import Bounds
 
@@ -135,6 +135,6 @@ def test_a_crop_has_its_own_extent(tmp_path):
 
 def test_one_place_is_no_picture(tmp_path):
     volume = volume_of([(0, 0, 0)], 1, cube=Cube((1.0, 2.0, 3.0), 0.0), info=FULL)
-    with pytest.raises(InputError, match="one place"):
+    with pytest.raises(OptionError, match="a picture needs cells with an edge"):
         vt.export_volume(volume, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())

@@ -23,7 +23,7 @@ CORNERS = st.lists(st.tuples(HALVES, HALVES, HALVES), min_size=3, max_size=3)
 
 def cells_of(triangles, depth):
     room = np.empty((10_000, 3), np.int32)
-    counts = kernels.touched_cells(np.asarray(triangles, float), depth, room)
+    counts = kernels.touched_cells(np.asarray(triangles, float), depth, room, 10**9)
     return set(map(tuple, room[: counts.sum()].tolist()))
 
 
@@ -41,15 +41,26 @@ def test_touched_cells_of_random_triangles():
 
 
 def test_counts_are_told_without_room():
-    counts = kernels.touched_cells(np.full((2, 3, 3), 3.5), 2, np.empty((0, 3), np.int32))
+    room = np.empty((0, 3), np.int32)
+    counts = kernels.touched_cells(np.full((2, 3, 3), 3.5), 2, room, 9)
     assert counts.tolist() == [1, 1]
+
+
+def test_counting_ends_at_the_limit():
+    """A triangle of a trillion cells or samples would be counted for hours otherwise."""
+    whole = np.array([[[0, 0, 0], [4.0**10, 0, 0], [0, 4.0**10, 0]]])
+    counts = kernels.touched_cells(np.repeat(whole, 2, axis=0), 10, np.empty((5, 3), np.int32), 99)
+    assert 99 < counts[0] < 99 + 64
+    assert counts[1] == 0
+    for spacing in (1e-6, 1e-300):
+        assert kernels.count_samples(whole, spacing, 99)[0] > 99
 
 
 def test_no_part_of_a_triangle_is_far_from_its_samples():
     rng = np.random.default_rng(8)
     thin = np.array([[0, 0, 0], [9, 0, 0], [4, 0.01, 0]])
     for corners in [*rng.uniform(0, 4, (6, 3, 3)), thin, np.zeros((3, 3)), thin[[0, 1, 1]]]:
-        n = kernels.count_samples(corners[None], 0.4)
+        n = kernels.count_samples(corners[None], 0.4, 10**9)
         points = kernels.sample(corners[None], 0.4, int(n.sum()))
         share = rng.dirichlet([1, 1, 1], 300)
         on_it = share @ corners
@@ -144,7 +155,7 @@ def test_groups_of_triangles_do_not_matter(tmp_path, monkeypatch, group):
 def test_too_many_voxels_are_refused(tmp_path):
     (tmp_path / "a.stl").write_bytes(stl(BOX))
     for options in ({}, {"mesh": "sample"}):
-        with pytest.raises(ResourceError, match="more than the 16384 voxels"):
+        with pytest.raises(ResourceError, match=r"more than the 16384 (voxels|points)"):
             points_of(tmp_path / "a.stl", depth=5, memory="1M", **options)
 
 
@@ -168,6 +179,18 @@ def test_a_face_without_its_vertex_is_refused(tmp_path):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n")
     with pytest.raises(FormatError, match=r"a\.obj: "):
         opened(tmp_path / "a.obj", depth=2)
+
+
+def test_a_mesh_finer_than_memory_is_refused_at_once(tmp_path):
+    (tmp_path / "a.stl").write_bytes(stl(BOX))
+    for options, message in (
+        ({"depth": 10}, "more than the .* voxels .* smaller --depth"),
+        ({"mesh": "sample", "spacing": "1e-9"}, "more than the .* points .* larger --spacing"),
+    ):
+        with pytest.raises(ResourceError, match=message) as caught:
+            vt.import_points(tmp_path / "a.stl", **options)
+        assert caught.value.code == "E_SIZE"
+    assert [path.name for path in tmp_path.iterdir()] == ["a.stl"]
 
 
 def test_without_trimesh_the_extra_is_named(tmp_path, monkeypatch):

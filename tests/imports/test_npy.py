@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from making_imports import opened, points_of
 
+import volatool as vt
 from volatool.errors import FormatError, TruncatedError
 from volatool.imports.npy import mapped_array
 
@@ -129,3 +130,14 @@ def test_a_kitti_scan_has_reflectances(tmp_path):
     assert opened(tmp_path / "b.dat", from_format="kitti").n_points == 50
     with pytest.raises(FormatError, match=r"no importer takes \.dat"):
         opened(tmp_path / "b.dat")
+
+
+def test_a_volume_of_points_in_one_place_comes_back_from_npz(tmp_path):
+    """Its cube has no extent; `npz` is said to lose nothing."""
+    (tmp_path / "a.xyz").write_text("1 2 3\n" * 4)
+    report = vt.import_points(tmp_path / "a.xyz", depth=3, dense="never")
+    volume = vt.open(report.paths[0])
+    (path,) = vt.export_volume(volume, tmp_path / "b.npz").paths
+    back = vt.open(vt.import_points(path, dense="never").paths[0])
+    assert (volume.cube.side, back.cube, back.depth) == (0, volume.cube, 3)
+    assert np.array_equal(back.voxels(), volume.voxels())

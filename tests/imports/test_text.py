@@ -118,6 +118,20 @@ def test_a_fault_is_told_with_its_line(tmp_path, monkeypatch, content, message, 
     assert str(caught.value).startswith(("a.xyz: ", str(tmp_path / "a.xyz")))
 
 
+def test_columns_that_are_not_cut_say_what_to_do(tmp_path):
+    path = tmp_path / "a.txt"
+    commas, cut = "; decimal commas are not read", "; columns are separated by commas, semicolons"
+    for rows, advice in (
+        (("1,5;2,5;3,5", "1,5 2,5 3,5", "1,5\t2,5\t3"), commas),
+        (("1|2|3", "1:2:3"), cut),
+        (("east,north,up",), "$"),
+    ):
+        for row in rows:
+            path.write_text(row + "\n")
+            with pytest.raises(FormatError, match=f"names x, y and z{advice}"):
+                opened(path)
+
+
 @pytest.mark.parametrize(
     ("row", "message"),
     [

@@ -54,6 +54,24 @@ def test_dense_and_counting_look_ups_find_what_the_volume_has(depth):
     assert found.tolist() == expected
 
 
+def test_descend_ranks_set_bits_and_loses_the_others():
+    """A set cell becomes its rank, an unset one -1, and what is lost stays lost."""
+    words = some_words(3)
+    ranks = np.concatenate([[0], np.cumsum(np.bitwise_count(words))[:-1]]).astype(np.int64)
+    bits = np.tile(np.arange(64), len(words))
+    cells = np.array([naive.CELLS[bit] for bit in bits], np.int64)
+    here = np.repeat(np.arange(len(words)), 64).astype(np.int64)
+    here[5] = -1
+    expected = [
+        int(ranks[word]) + (int(words[word]) & ((1 << bit) - 1)).bit_count()
+        if word >= 0 and int(words[word]) >> bit & 1
+        else -1
+        for word, bit in zip(here.tolist(), bits.tolist(), strict=True)
+    ]
+    lookup.descend(words, ranks, cells, 0, here)
+    assert here.tolist() == expected
+
+
 def test_bits_by_table_and_by_arithmetic():
     words = some_words()
     table = np.array([number.bit_count() for number in range(1 << 16)], np.uint8)

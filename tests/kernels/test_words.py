@@ -39,24 +39,6 @@ def test_child_keys_and_cells_are_the_set_bits_in_order() -> None:
     assert [tuple(row) for row in cells.tolist()] == [cell for _, cell in expected]
 
 
-def test_descend_ranks_set_bits_and_loses_the_others() -> None:
-    """A set cell becomes its rank, an unset one -1, and what is lost stays lost."""
-    words = frozen(random_words(3))
-    ranks = np.concatenate([[0], np.cumsum(np.bitwise_count(words))[:-1]]).astype(np.int64)
-    bits = np.tile(np.arange(64), len(words))
-    cells = np.array([naive.cell((bit,)) for bit in bits], np.int64)
-    here = np.repeat(np.arange(len(words)), 64).astype(np.int64)
-    here[5] = -1
-    expected = [
-        int(ranks[word]) + (int(words[word]) & ((1 << bit) - 1)).bit_count()
-        if word >= 0 and int(words[word]) >> bit & 1
-        else -1
-        for word, bit in zip(here.tolist(), bits.tolist(), strict=True)
-    ]
-    kernels.descend(words, ranks, cells, 0, here)
-    assert here.tolist() == expected
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_mean_words_round_half_up_and_vote_on_the_class(seed: int) -> None:
     """Each group's word is the naive mean; single words stay as they are."""

@@ -13,7 +13,8 @@ from naive_points import geokeys, las_bytes, vlr
 
 from volatool.errors import CodedWarning, CRSError
 from volatool.model import Bounds, CrsInfo
-from volatool.points.crs import crs_from_user, latlon, utm_for
+from volatool.points.crs import crs_from_user
+from volatool.points.crs_places import latlon, utm_for
 from volatool.points.geokeys import read_geokeys
 from volatool.points.reader import open_points
 

@@ -275,8 +275,15 @@ def test_finish_chooses_and_closes():
     assert volume.counts()[-1].voxels / volume.counts()[-1].blocks >= 0.3 * 64
     with pytest.raises(OptionError, match="built already"):
         builder.add(points)
+    with pytest.raises(OptionError, match="the builder is closed"):
+        builder.finish()
     with VolaBuilder(cube_of(points), 6) as other:
+        with pytest.raises(OptionError, match=r"takes the chunks of vt\.stream, not ndarray"):
+            other.add(points.xyz())
         other.add(points)
+        for depth in (0, 7, "deep"):
+            with pytest.raises(OptionError, match="depth must be 'auto' or 1 to 6"):
+                other.finish(depth=depth)
         assert other.finish(depth=5).depth == 5
 
 

@@ -191,6 +191,8 @@ def test_grids_and_options_are_checked():
                     {"by": "row"}):  # fmt: skip
         with pytest.raises(OptionError, match="must be"):
             diff(a, a, **options)
+    with pytest.raises(OptionError, match=r"diff compares volumes \(vt.open\), got str"):
+        diff(a, "june.vol.gz")
 
 
 def test_a_real_tile_against_scipy_and_numpy(shared, tmp_path):

@@ -46,6 +46,16 @@ def check(volume, inside, census):
     assert census.high == pytest.approx(centers.max(0) + half)
 
 
+def test_voxels_of_the_toolkit_have_the_volume_of_their_own_step(volume):
+    """Like `Volume.volume` and the components: S points are S - 1 steps apart."""
+    rounded = replace(volume, info=replace(volume.info, quantizer="toolkit"))
+    whole = rounded.census()
+    assert whole.voxels == len(volume)
+    assert whole.volume == pytest.approx(rounded.volume())
+    assert whole.volume == pytest.approx(rounded.components().volumes.sum())
+    assert whole.volume > volume.census().volume * 1.04
+
+
 def test_a_census_of_everything_and_of_nothing(volume):
     check(volume, np.ones(len(volume), bool), volume.census())
     check(volume, np.zeros(len(volume), bool), volume.census([0, 0, 1, 1]))

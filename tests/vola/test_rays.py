@@ -139,6 +139,21 @@ def test_what_is_not_finite_meets_nothing_and_zero_is_refused(bad):
         assert not sights.blockers.is_hit.any()
     with pytest.raises(OptionError, match="not zero"):
         volume.ray([0, 0, 0], [[1, 0, 0], [0, 0, 0]])
+
+
+def test_sight_over_distances_whose_squares_overflow():
+    volume = in_cells([(2, 0, 0)], 1)
+    ends = [[1e308, 0.5, 0.5], [0.5, 0.5, 1e308], [0.5, 1e200, 1e200]]
+    sights = volume.sight([0.5, 0.5, 0.5], ends)
+    assert sights.is_clear.tolist() == [False, True, True]
+    assert sights.blockers.distance[0] == pytest.approx(1.5)
+    np.testing.assert_allclose(sights.length, [1e308, 1e308, math.sqrt(2) * 1e200])
+    beyond = volume.sight([-1.7e308, 0.5, 0.5], [1.7e308, 0.5, 0.5])  # no number has its length
+    assert (beyond.is_clear[0], beyond.blockers.is_hit[0]) == (False, False)
+
+
+def test_shapes_of_rays():
+    volume = in_cells([(0, 0, 0)], 1)
     with pytest.raises(OptionError, match="as many or one"):
         volume.ray(np.zeros((2, 3)), np.ones((3, 3)))
 

@@ -55,7 +55,7 @@ def test_aligned_grids_are_exact_both_ways(voxels):
     """Coarser: the levels above. Finer and back: the same. Shifted by whole cells: a shift."""
     source = volume_of(voxels)
     assert making.same(regrid(source, CUBE, 1), source.truncated(1), metadata=False)
-    fine = regrid(source, CUBE, 3)
+    fine = source.regrid(CUBE, 3)
     assert len(fine) == 64 * len(source)
     assert making.same(fine.truncated(2), source, metadata=False)
     assert making.same(regrid(fine, CUBE, 2), source, metadata=False)

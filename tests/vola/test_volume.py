@@ -191,6 +191,10 @@ def test_levels_are_named_from_1_and_checked() -> None:
     assert shallow.depth == 2
     assert np.shares_memory(shallow.levels[1], volume.levels[1])
     assert shallow.keys().tolist() == volume.keys(2).tolist()
+    for same in (volume.downsample(), volume.downsample(2)):
+        assert making.same(same, shallow)
+    with pytest.raises(OptionError, match="levels 1 to 3"):
+        volume.downsample(0)
 
 
 def test_deep_volumes_have_voxels_but_no_keys() -> None:

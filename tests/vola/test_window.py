@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from making_exports import full_volume, toolkit_volume
+from making_volumes import same
 
 from volatool.errors import OptionError
 from volatool.model import Bounds
@@ -52,7 +53,7 @@ def test_the_place_of_a_window_is_told():
 @settings(max_examples=40, deadline=None)
 def test_only_the_cells_between_two_corners_are_found(data):
     ends = st.integers(0, 63)
-    a, b = (np.array(data.draw(st.tuples(ends, ends, ends)), np.int32) for _ in range(2))
+    a, b = (np.array(data.draw(st.tuples(ends, ends, ends)), np.int64) for _ in range(2))
     first, last = np.minimum(a, b), np.maximum(a, b)
     voxels = VOLUME.voxels()
     keep = np.all((voxels >= first) & (voxels <= last), axis=1)
@@ -67,6 +68,23 @@ def test_the_whole_cube_and_places_outside():
         VOLUME.window(Bounds(0, 0, 1, 1))
     with pytest.raises(OptionError, match="level 4 is not in this volume"):
         VOLUME.window(level=4)
+    for z in ((2, 1), (np.nan, 1)):
+        with pytest.raises(OptionError, match="z must be lowest, highest"):
+            VOLUME.window(z=z)
+
+
+def test_bounds_may_be_four_numbers():
+    x, y, _ = VOLUME.cube.origin
+    numbers = [x + 3, y + 1, x + 6, y + 5]
+    expected, found = VOLUME.window(Bounds(*numbers)), VOLUME.window(np.array(numbers))
+    assert (found.first, found.shape) == (expected.first, expected.shape)
+    assert same(VOLUME.crop(tuple(numbers), z=(403.0, 407.0)), crop(
+        VOLUME, Bounds(*numbers), z=(403.0, 407.0)
+    ))  # fmt: skip
+    for bad in ([1, 2, 3], [2, 0, 1, 0], [np.nan, 0, 1, 1]):
+        for cut in (VOLUME.window, VOLUME.crop):
+            with pytest.raises(OptionError, match="bounds "):
+                cut(bad)
 
 
 def test_windows_of_a_toolkit_file_are_centred_on_its_points():

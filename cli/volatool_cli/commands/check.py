@@ -64,7 +64,7 @@ def check(dem: str, points: str, as_json: bool, **arguments: Any) -> None:
     from pathlib import Path
 
     from volatool.dem import accuracy
-    from volatool.dem.geotiff import read_profile
+    from volatool.dem.raster import read_profile
     from volatool.report import dumps
     from volatool_cli.exit_codes import ExitCode
     from volatool_cli.output import configure_logging

@@ -18,7 +18,7 @@ from volatool_cli import options
 @options.reading
 @options.crs_of_file
 @options.memory
-@click.option("--json", "as_json", is_flag=True, help="Print a report a line instead of paths.")
+@options.as_reports
 @options.no_resources
 @options.progress
 @options.messages

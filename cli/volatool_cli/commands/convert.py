@@ -7,7 +7,6 @@ from typing import Any
 import click
 
 from volatool_cli import options
-from volatool_cli.params import LengthType
 
 
 @click.command(short_help="Write volume, elevation model and statistics of tiles.")
@@ -18,31 +17,15 @@ from volatool_cli.params import LengthType
 @options.reading
 @options.crs
 @options.cube
-@click.option(
-    "--split",
-    type=LengthType(),
-    help="One volume per snapped cube of this side: NAME_x{X}_y{Y}_z{Z}.vol.gz.",
-)
+@options.split
 @options.depth
 @options.metadata
-@click.option(
-    "--dense",
-    type=click.Choice(["auto", "always", "never"]),
-    default="auto",
-    show_default="auto: up to 64 MiB",
-    help="Write the dense volume too.",
-)
-@click.option("--gzip/--no-gzip", default=True, show_default=True, help="Compress the volumes.")
-@click.option(
-    "--compat",
-    type=click.Choice(["toolkit"]),
-    help="Write the bytes of the original VOLA toolkit; needs --depth.",
-)
+@options.volume_files
 @click.option("--dem/--no-dem", default=True, show_default=True, help="Make the elevation model.")
 @options.dem
 @click.option("--preview", is_flag=True, help="Write a picture, NAME.preview.png.")
 @options.memory
-@click.option("--json", "as_json", is_flag=True, help="Print a report a line instead of paths.")
+@options.as_reports
 @options.no_resources
 @options.progress
 @options.messages

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from volatool_cli import options
+from volatool_cli.params import FloatRange
 
 if TYPE_CHECKING:
     from volatool.vola.diff import Difference
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Write it there and print the path.  [default: print it]",
 )
-@click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
+@options.overwrite
 @click.option("--resample", is_flag=True, help="Bring B to the grid of A if it is on another one.")
 @click.option(
     "--noise",
@@ -71,7 +72,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--fail-above",
-    type=click.FloatRange(min=0),
+    type=FloatRange(min=0),
     metavar="VOLUME",
     help="Status 6 if more than this, in cubed units of the CRS, changed at significant places.",
 )

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from volatool_cli import options
-from volatool_cli.params import BoundsType, LengthType, SizeType, WordsType
+from volatool_cli.params import BoundsType, FloatRange, LengthType, SizeType, WordsType
 
 
 @click.command(short_help="Follow scans and keep the surface up to date.")
@@ -61,7 +61,7 @@ from volatool_cli.params import BoundsType, LengthType, SizeType, WordsType
 )
 @click.option(
     "--forget",
-    type=click.FloatRange(0, 1, min_open=True),
+    type=FloatRange(0, 1, min_open=True),
     default=1.0,
     show_default=True,
     metavar="FACTOR",
@@ -69,7 +69,7 @@ from volatool_cli.params import BoundsType, LengthType, SizeType, WordsType
 )
 @click.option(
     "--max-weight",
-    type=click.FloatRange(0, min_open=True),
+    type=FloatRange(0, min_open=True),
     metavar="POINTS",
     help="What a place is worth at most, in points: new ones then replace the old.",
 )
@@ -121,7 +121,7 @@ from volatool_cli.params import BoundsType, LengthType, SizeType, WordsType
     default="none",
     help="More rasters beside each model: count,flag,distance,sigma.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@options.overwrite
 @click.option("--fail-fast", is_flag=True, help="Stop at the first scan that can't be used.")
 @click.option(
     "--memory",

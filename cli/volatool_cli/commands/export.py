@@ -45,7 +45,7 @@ Examples:
     metavar="PATH",
     help="The output, or a folder/ for it.  [default: beside the input]",
 )
-@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@options.overwrite
 @click.option("--level", type=click.IntRange(min=1), metavar="N", help="A coarser level; exact.")
 @click.option("--bounds", type=BoundsType(), help="Only cells that meet this rectangle.")
 @click.option(
@@ -77,7 +77,7 @@ Examples:
     "--ground",
     type=click.Path(dir_okay=False),
     metavar="DEM.tif",
-    help="nav2: the ground.  [default: the lowest voxels around]",
+    help="nav2: the ground.  [default: the bare earth of the volume, as dem makes it]",
 )
 @click.option(
     "--near",

@@ -41,43 +41,20 @@ from volatool_cli.params import LengthType
 @click.option("--swap-yz", is_flag=True, help="Swap y and z: for files whose y is up.")
 @options.output
 @options.selection
-@click.option(
-    "--chunk-points",
-    type=click.IntRange(min=1),
-    default=250_000,
-    show_default=True,
-    metavar="N",
-    help="Points read at a time; does not change any result.",
-)
+@options.chunk_points
 @options.crs
 @options.cube
-@click.option(
-    "--split",
-    type=LengthType(),
-    help="One volume per snapped cube of this side: NAME_x{X}_y{Y}_z{Z}.vol.gz.",
-)
+@options.split
 @options.depth
 @options.metadata
-@click.option(
-    "--dense",
-    type=click.Choice(["auto", "always", "never"]),
-    default="auto",
-    show_default="auto: up to 64 MiB",
-    help="Write the dense volume too.",
-)
-@click.option("--gzip/--no-gzip", default=True, show_default=True, help="Compress the volumes.")
-@click.option(
-    "--compat",
-    type=click.Choice(["toolkit"]),
-    help="Write the bytes of the original VOLA toolkit; needs --depth.",
-)
+@options.volume_files
 @click.option(
     "--dem/--no-dem", default=False, show_default=True, help="Make the elevation model too."
 )
 @options.dem
 @click.option("--preview", is_flag=True, help="Write a picture, NAME.preview.png.")
 @options.memory
-@click.option("--json", "as_json", is_flag=True, help="Print a report a line instead of paths.")
+@options.as_reports
 @options.no_resources
 @options.progress
 @options.messages

@@ -35,7 +35,7 @@ _TEXTS = ("dataset", "info", "url", "author", "authorurl", "license", "licenseur
     metavar="START[/END]",
     help="When the points were measured: 2019-05-01 or 2019-05-01/2019-06-30.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@options.overwrite
 @options.messages
 def index(folder: str, **arguments: Any) -> None:
     """Index the volumes of a folder for viewers, GIS and catalogues.

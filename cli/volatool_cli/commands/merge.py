@@ -20,7 +20,7 @@ from volatool_cli.params import DepthType
     required=True,
     help="What is written: a name in .vol.gz, .vol, .dvol.gz or .dvol.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace the output if it exists.")
+@options.overwrite
 @click.option(
     "--op",
     type=click.Choice(["or", "and", "xor", "sub"]),

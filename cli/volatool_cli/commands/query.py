@@ -8,7 +8,7 @@ import click
 
 from volatool.errors import OptionError
 from volatool_cli import queries
-from volatool_cli.params import LengthType, NumbersType
+from volatool_cli.params import FloatRange, LengthType, NumbersType
 from volatool_cli.queries import Asked
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def sight(asked: Asked, numbers: Words, ignore_ends: bool, **arguments: Any) -> 
 )
 @click.option(
     "--radius",
-    type=click.FloatRange(0, 16),
+    type=FloatRange(0, 16),
     metavar="CELLS",
     help="Instead: those whose centre is at most so far away, in cells.",
 )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from volatool_cli import queries
-from volatool_cli.params import LengthType
+from volatool_cli.params import FloatRange, LengthType
 from volatool_cli.queries import Answer, Asked, QueryCommand, text_of
 
 if TYPE_CHECKING:
@@ -75,6 +75,8 @@ def components(asked: Asked, connectivity: str, top: int, **arguments: Any) -> N
 
 def _table(found: Components, rows: list[dict[str, Any]]) -> Iterator[str]:
     """Yield the lines of the table: numbers to the right."""
+    from volatool.units import format_quantity
+
     n, voxels = len(found), int(found.sizes.sum())
     yield f"{n} component{'s' * (n != 1)} of {voxels} voxel{'s' * (voxels != 1)}"
     if not rows:
@@ -83,7 +85,7 @@ def _table(found: Components, rows: list[dict[str, Any]]) -> Iterator[str]:
         (
             str(row["rank"]),
             str(row["voxels"]),
-            f"{row['volume']:.6g}",
+            format_quantity(row["volume"]).replace(",", ""),
             *map(text_of, row["box"]),
         )
         for row in rows
@@ -135,7 +137,7 @@ def clearance(asked: Asked, numbers: Words, to: str, **arguments: Any) -> None:
 @level
 @click.option(
     "--factor",
-    type=click.FloatRange(1),
+    type=FloatRange(1),
     default=1.5,
     show_default=True,
     metavar="F",

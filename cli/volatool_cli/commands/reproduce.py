@@ -7,6 +7,19 @@ from typing import Any
 import click
 
 from volatool_cli import options
+from volatool_cli.params import FloatRange
+
+_files = options.group(
+    click.option(
+        "-o",
+        "--outdir",
+        type=click.Path(file_okay=False),
+        metavar="DIR",
+        help="Write report.md, report.json and the figures there.",
+    ),
+    options.overwrite,
+)
+_as_json = click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
 
 
 @click.group(short_help="Make the papers' experiments again.")
@@ -24,7 +37,7 @@ def reproduce() -> None:
 @click.option("--runs", type=click.IntRange(1), default=10, show_default=True, help="Drives.")
 @click.option(
     "--duration",
-    type=click.FloatRange(1, 3600),
+    type=FloatRange(1, 3600),
     default=30.0,
     show_default=True,
     metavar="SECONDS",
@@ -37,14 +50,7 @@ def reproduce() -> None:
     show_default=True,
     help="Of the sensor's noise; run n uses SEED + n.",
 )
-@click.option(
-    "-o",
-    "--outdir",
-    type=click.Path(file_okay=False),
-    metavar="DIR",
-    help="Write report.md, report.json and the figures there.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
+@_files
 @click.option(
     "-j",
     "--jobs",
@@ -52,7 +58,7 @@ def reproduce() -> None:
     show_default="cores",
     help="Drives at a time.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
+@_as_json
 @click.option("--no-resources", is_flag=True, help="Don't time loops (no Figure 6).")
 @options.progress
 @options.messages
@@ -95,15 +101,8 @@ def emap(**arguments: Any) -> None:
     "--seed", type=click.IntRange(0), default=1, show_default=True, help="Of those blocks."
 )
 @options.crs
-@click.option(
-    "-o",
-    "--outdir",
-    type=click.Path(file_okay=False),
-    metavar="DIR",
-    help="Write report.md, report.json and the figures there.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace files that exist.")
-@click.option("--json", "as_json", is_flag=True, help="Print the numbers as JSON.")
+@_files
+@_as_json
 @click.option(
     "--no-resources", is_flag=True, help="Don't time look-ups and packing (Table 1, Figure 8)."
 )

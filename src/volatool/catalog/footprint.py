@@ -10,7 +10,8 @@ import numpy as np
 
 from volatool.errors import CRSError
 from volatool.model import F64, Bounds, CrsInfo
-from volatool.points.crs import crs_from_user, mover
+from volatool.points.crs import crs_from_user
+from volatool.points.crs_places import mover
 
 _PER_SIDE = 8
 _DIGITS = 9  # of a degree: a tenth of a millimetre

@@ -29,14 +29,11 @@ class Indexed:
     ----------
     paths : tuple of pathlib.Path
         Files written: the index, mosaics, STAC items, the STAC collection.
-    n_tiles : int
-        Volumes listed.
     warnings : tuple of CodedWarning
         What a user of the index may stumble over.
     """
 
     paths: tuple[Path, ...]
-    n_tiles: int
     warnings: tuple[CodedWarning, ...]
 
 
@@ -106,7 +103,7 @@ def index_folder(
             with output_stream(outputs.add(target)) as stream:
                 stream.write(data)
         paths = outputs.commit()
-    return Indexed(tuple(paths), len(tiles), tuple(warnings))
+    return Indexed(tuple(paths), tuple(warnings))
 
 
 def _json(document: Any) -> bytes:

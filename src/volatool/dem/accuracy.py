@@ -19,7 +19,7 @@ import numpy as np
 
 from volatool.dem.checkpoints import Checkpoints
 from volatool.dem.distance import FILLED
-from volatool.dem.geotiff import read_heights_at, read_profile, read_values_at
+from volatool.dem.raster import read_heights_at, read_profile, read_values_at
 from volatool.errors import CRSError, FormatError, InputError
 from volatool.model import F64, CrsInfo
 
@@ -202,16 +202,15 @@ def moved(points: Checkpoints, from_crs: str, to: CrsInfo, name: str) -> Checkpo
     CRSError
         The DEM has no CRS, or a point has no place in it.
     """
-    import pyproj
-
-    from volatool.points.crs import crs_from_user, split
+    from volatool.points.crs import crs_from_user
+    from volatool.points.crs_places import mover
 
     if to.wkt2 is None:
         raise CRSError(f"{name}: has no CRS that --points-crs could lead to")
-    own = crs_from_user(from_crs)
-    start, end = (split(pyproj.CRS.from_wkt(str(info.wkt2)))[0] for info in (own, to))
-    way = pyproj.Transformer.from_crs(start, end, always_xy=True)
-    x, y = way.transform(points.x, points.y)
+    way = mover(str(crs_from_user(from_crs).wkt2), to)
+    if way is None:
+        return points
+    x, y = way(points.x, points.y)
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise CRSError(f"a checkpoint has no place in the CRS of {name}")
     return replace(points, x=np.asarray(x), y=np.asarray(y))

@@ -38,6 +38,10 @@ VOXEL_BYTES = 48
 MOST_LEVELS = 14
 """Half voxels of more don't fit int32."""
 
+PART_OF_VOXEL, LEAST_TOL_M = 0.01, 1e-4
+"""Accuracy of a ground that voxels are held against: they are no points to a tenth of a millimetre.
+"""
+
 CHUNK = 1 << 18
 
 _SOURCES = {
@@ -287,10 +291,13 @@ def ground_under(volume: Volume, grid: Grid) -> NDArray[np.float64]:
     """
     from volatool.dem.surfaces import make_dem
 
+    edge = float(voxel_edge(volume) * (volume.crs.metres_per_unit_xy or 1))
+    tol = max(edge * PART_OF_VOXEL, LEAST_TOL_M)
     with Scratch() as scratch:
         points = gather_voxels(volume, "dtm", scratch).result(volume.crs)
         try:
-            dem = make_dem(points, volume.crs, grid.exact[2], grid=grid, scratch=scratch)
+            cell = grid.exact[2]
+            dem = make_dem(points, volume.crs, cell, grid=grid, tol_m=tol, scratch=scratch)
         finally:
             points.close()
     return dem.z.astype(np.float64)

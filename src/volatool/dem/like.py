@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from volatool.dem.grid import Grid
 from volatool.errors import CRSError
@@ -30,23 +29,16 @@ def grid_like(path: Path, crs: CrsInfo, option: str = "--like") -> Grid:
     InputNotFoundError, FormatError, ResourceError
         Not there; not such a raster; too many cells.
     """
-    from volatool.dem.geotiff import read_grid
+    from volatool.dem.raster import read_grid
 
     grid, wkt = read_grid(path)
     if wkt is not None and crs.wkt2 is not None:
-        import pyproj
+        from volatool.points.crs import horizontal_difference
 
-        mine, theirs = (_horizontal(pyproj.CRS.from_wkt(text)) for text in (crs.wkt2, wkt))
-        codes = (mine.to_authority(), theirs.to_authority())
-        is_same = mine.equals(theirs, ignore_axis_order=True)
-        if not is_same and (None in codes or codes[0] != codes[1]):
+        names = horizontal_difference(crs.wkt2, wkt)
+        if names is not None:
             raise CRSError(
-                f"{option} {path}: is in {theirs.name}, the tile in {mine.name}; give --to-crs, or "
+                f"{option} {path}: is in {names[1]}, the tile in {names[0]}; give --to-crs, or "
                 "a raster in the tile's CRS"
             )
     return grid
-
-
-def _horizontal(crs: Any) -> Any:
-    """Return the horizontal part of a CRS."""
-    return crs.sub_crs_list[0] if crs.is_compound else crs

@@ -208,7 +208,7 @@ def _moved(
             which = "the file" if layer is None else "the tile"
             say(f"{which} has no CRS; the shapes are taken to be in the same as the points")
     else:
-        from volatool.points.crs import mover
+        from volatool.points.crs_places import mover
 
         left, bottom, right, top = shapely.total_bounds(shapes)
         move = mover(layer, crs)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from volatool.dem.geotiff import read_profile
+from volatool.dem.raster import read_profile
 from volatool.errors import FormatError
 
 _TYPES = {"uint8": "Byte", "uint16": "UInt16", "uint32": "UInt32", "int16": "Int16",

@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from volatool.errors import InputError, OptionError, ResourceError
+from volatool.errors import InputError, OptionError, ResourceError, VolatoolError
 from volatool.export.model import Exported, Exporter, ExportOptions, Target, is_same
 from volatool.export.registry import exporter_for, exporter_of, run
 from volatool.export.select import select
@@ -80,16 +80,14 @@ def export_volume(
         )
     chosen = select(whole, checked)
     if not len(chosen):
-        raise InputError(
-            f"{source or 'the volume'}: no voxel is selected; it has {len(whole):,} in "
-            f"x {whole.bounds.left:.10g} to {whole.bounds.right:.10g}, "
-            f"y {whole.bounds.bottom:.10g} to {whole.bounds.top:.10g}",
-            "E_EMPTY",
-        )
+        raise InputError(f"{source or 'the volume'}: {_nothing_of(whole)}", "E_EMPTY")
     with OutputSet(overwrite) as outputs:
         target = Target(outputs, path, exporter.suffix, source)
         try:
             warnings = run(exporter, chosen, target, checked)
+        except VolatoolError as error:
+            _name(error, source, checked)
+            raise
         except MemoryError as error:
             if hasattr(error, "code"):
                 raise
@@ -99,6 +97,29 @@ def export_volume(
         paths = outputs.commit()
     warnings = [*whole.info.warnings, *warnings]
     return Exported(tuple(paths), exporter.name, len(chosen), tuple(warnings))
+
+
+def _nothing_of(volume: Volume) -> str:
+    """Return why there is nothing to export."""
+    if not len(volume):
+        return "has no voxels, there is nothing to export"
+    box = volume.info.box
+    if box is None:
+        ends = [(low, low + volume.cube.side) for low in volume.cube.origin]
+        ratio = float(volume.crs.z_ratio)
+        ends[2] = (ends[2][0] / ratio, ends[2][1] / ratio)
+    else:
+        ends = list(zip(box[:3], box[3:], strict=True))
+    places = (f"{axis} {a:.10g} to {b:.10g}" for axis, (a, b) in zip("xyz", ends, strict=True))
+    return f"no voxel is selected; it has {len(volume):,} in {', '.join(places)}"
+
+
+def _name(error: VolatoolError, source: Path | None, options: ExportOptions) -> None:
+    """Put the volume's name in front of what an exporter says of it."""
+    is_of_volume = error.code not in ("E_OPTION", "E_NO_EXTRA", "E_OUTPUT_EXISTS", "E_WRITE")
+    named = (str(name) for name in (source, options.ground) if name is not None)
+    if source is not None and is_of_volume and not any(name in str(error) for name in named):
+        error.args = (f"{source}: {error}",)
 
 
 def _told_by(output: str | os.PathLike[str] | None) -> Exporter:

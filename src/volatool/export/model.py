@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from volatool.errors import OptionError
-from volatool.outputs import OutputSet
+from volatool.outputs import OutputSet, refuse_existing
 from volatool.units import Length, parse_size
 
 if TYPE_CHECKING:
@@ -229,6 +229,17 @@ class Target:
         if self.source is not None and is_same(path, self.source):
             raise OptionError(f"{path}: is the input; give the output another name with --output")
         return self._outputs.add(path)
+
+    def refuse_existing(self, ending: str) -> None:
+        """
+        Refuse now a file that `file` would refuse after the work.
+
+        Raises
+        ------
+        OutputExistsError
+            It exists and must not be overwritten.
+        """
+        refuse_existing([self.name(ending)], self._outputs.overwrite)
 
     @contextmanager
     def stream(self, ending: str | None = None) -> Iterator[BinaryIO]:

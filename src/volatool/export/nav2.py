@@ -27,11 +27,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.dem.distance import distance_cells
 from volatool.dem.grid import MAX_CELLS, Grid
-from volatool.errors import CodedWarning, CRSError, InputError, ResourceError
+from volatool.errors import CodedWarning, CRSError, InputError, OptionError, ResourceError
 from volatool.export.cells import Places, cell_chunks
 from volatool.export.model import ExportOptions, Target
+from volatool.export.placing import with_extent
 from volatool.model import F64, I64, Bool
+from volatool.scratch import Scratch
 from volatool.units import Length
 from volatool.vola.volume import Volume
 from volatool.vola.window import half_open
@@ -83,8 +86,6 @@ class Columns:
             )
         x, y, _, side = volume.cube.exact
         cell = side / 4**volume.depth
-        if not cell:
-            raise InputError("all voxels are in one place; that makes no map")
         left, top = x + int(low[0]) * cell, y + (int(high[1]) + 1) * cell
         grid = Grid(float(left), float(top), float(cell), width, height, (left, top, cell))
         return cls((int(low[0]), int(low[1])), (int(high[0]), int(high[1])), grid)
@@ -123,6 +124,8 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
         ``E_GEOGRAPHIC``: degrees. ``E_CRS``: the elevation model is in another system.
     InputError
         ``E_NO_GROUND``: there is no ground to be found.
+    OptionError
+        The output has the picture's name, or ``E_CUBE``: all voxels are in one place.
     ResourceError
         ``E_SIZE``: too many columns.
     """
@@ -131,6 +134,13 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
             "a map needs lengths, the volume is in degrees; make it with --to-crs utm",
             "E_GEOGRAPHIC",
         )
+    if target.path.suffix.lower() == ".pgm":
+        raise OptionError(
+            f"{target.path}: is the picture's name; give that of the description, "
+            f"{target.path.with_suffix('.yaml').name}"
+        )
+    with_extent(volume, "a map")
+    target.refuse_existing(".pgm")  # before the work
     volume = half_open(volume)
     warnings = []
     metres = volume.crs.metres_per_unit_xy
@@ -213,17 +223,20 @@ def occupancy(
         beneath = above < low - slack
         seen[row[beneath], col[beneath]] = True
     if near > 0 and seen.any():
-        from scipy import ndimage
-
-        away = ndimage.distance_transform_edt(~seen) * columns.grid.cell
-        chosen = empty & (away <= near * (1 + 1e-9))
+        away = _distance(seen)
+        empty &= away <= near / columns.grid.cell * (1 + 1e-6)  # float32: at the limit means at it
         if blocked.any():  # gaps in a hedge are no ways through it
-            chosen &= away < ndimage.distance_transform_edt(~blocked) * columns.grid.cell
-        seen |= chosen
+            empty &= away < _distance(blocked)
+        seen |= empty
     image = np.full(ground.shape, UNKNOWN, np.uint8)
     image[seen] = FREE
     image[blocked] = OCCUPIED
     return image
+
+
+def _distance(cells: Bool) -> NDArray[np.float32]:
+    """Return how far each cell is from the nearest one that is set, in cells."""
+    return distance_cells(cells.view(np.uint8), 1, Scratch())
 
 
 def _ground(volume: Volume, grid: Grid, name: str | None) -> F64:
@@ -238,8 +251,8 @@ def _ground(volume: Volume, grid: Grid, name: str | None) -> F64:
         coarse = coarser(grid, step)
         return resampled(ground_under(volume, coarse), coarse, grid)
     from volatool.dem.accuracy import crs_of
-    from volatool.dem.geotiff import read_dem
     from volatool.dem.like import grid_like
+    from volatool.dem.raster import read_dem
 
     path = Path(name)
     grid_like(path, volume.crs, "--ground")

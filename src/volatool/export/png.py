@@ -24,10 +24,11 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from volatool.errors import CodedWarning, InputError, ResourceError
+from volatool.errors import CodedWarning, ResourceError
 from volatool.export.cells import CellChunk, cell_chunks, channels_by_name
 from volatool.export.model import ExportOptions, Target
 from volatool.export.notes import no_crs
+from volatool.export.placing import with_extent
 from volatool.model import I32, I64, U64, Bounds
 from volatool.units import format_size
 from volatool.vola.volume import Volume
@@ -142,15 +143,14 @@ def export(volume: Volume, target: Target, options: ExportOptions) -> list[Coded
 
     Raises
     ------
-    InputError
-        All voxels are in one place.
+    OptionError
+        ``E_CUBE``: all voxels are in one place.
     ResourceError
         ``E_SIZE``: the level asked for makes too many or too large pictures.
     """
     from volatool.points.crs import known_wkt
 
-    if not volume.cube.side:
-        raise InputError("all voxels are in one place; that makes no picture")
+    with_extent(volume, "a picture")
     is_top = options.slices == "top"
     frame, warnings = _frame(half_open(volume), is_top, options)
     wkt = known_wkt(frame.volume.crs)

@@ -49,7 +49,6 @@ _ALL = (
         "ROS 2 map_server occupancy map (pgm + yaml)",
         "nav2",
         ("above", "ground", "near", "local"),
-        suffixes=(".pgm",),
     ),
     Exporter("c-array", ".h", "C header for a microcontroller", "c_array", ("name", "limit")),
     Exporter("vol1", ".vol1.vol", "VOLA for the original toolkit", "vol1", ("dense",)),

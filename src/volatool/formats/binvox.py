@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from volatool.errors import FormatError, OptionError, ResourceError, TruncatedError
-from volatool.model import F64, I32, I64, Bool
+from volatool.formats.text_header import header_lines
+from volatool.model import F64, I32, I64
 
 MAX_SIDE = 1024
 """Cells along an axis that are written: what binvox itself has as its limit."""
@@ -123,34 +124,6 @@ class BinvoxGrid:
         middles = (self.cells(limit) + np.float64(0.5)) * self.cell
         centers: F64 = middles + np.asarray(self.translate)
         return centers
-
-    def to_numpy(self, limit: int = 1 << 30) -> Bool:
-        """
-        Return the grid.
-
-        Parameters
-        ----------
-        limit : int
-            Cells of the grid that may be returned.
-
-        Returns
-        -------
-        grid : array of bool
-            Axes x, y, z.
-
-        Raises
-        ------
-        ResourceError
-            ``E_SIZE``: there are more.
-        """
-        if math.prod(self.shape) > limit:
-            raise ResourceError(
-                f"the grid has {math.prod(self.shape)} cells, more than {limit} are not returned "
-                "as an array",
-                "E_SIZE",
-            )
-        flat = np.repeat(self.values != 0, self.counts)
-        return flat.reshape(_stored(self.shape)).transpose(0, 2, 1)
 
 
 def _stored(shape: tuple[int, int, int]) -> tuple[int, int, int]:
@@ -279,19 +252,12 @@ def _header(data: bytes) -> tuple[dict[str, tuple[str, int]], int]:
             "E_NOT_BINVOX",
         )
     fields: dict[str, tuple[str, int]] = {}
-    at = 0
-    while True:
-        end = data.find(b"\n", at, at + _MAX_TEXT)
-        if end < 0:
-            raise TruncatedError(
-                "the file ends (or goes on without a line break) before its line 'data' "
-                f"(offset {at})"
-            )
-        name, _, value = data[at:end].decode("latin-1").strip().partition(" ")
+    for offset, line in header_lines(data, _MAX_TEXT):
+        name, _, value = line.decode("latin-1").strip().partition(" ")
         if name == "data":
-            return fields, end + 1
-        fields.setdefault(name, (value, at))  # binvox's own reader skips what it doesn't know
-        at = end + 1
+            break
+        fields.setdefault(name, (value, offset))  # binvox's own reader skips what it doesn't know
+    return fields, offset + len(line) + 1
 
 
 def _field(

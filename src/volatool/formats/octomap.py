@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from volatool.errors import FormatError, OptionError, ResourceError, TruncatedError
+from volatool.formats.text_header import header_lines
 from volatool.model import F64, I32
 
 DEPTH = 16
@@ -277,16 +278,8 @@ def _header(data: bytes) -> tuple[int, float, tuple[str, ...], int]:
         raise FormatError(_what_else(data), "E_NOT_OCTOMAP")
     fields: dict[str, str] = {}
     comments: list[str] = []
-    at = 0
-    while True:
-        end = data.find(b"\n", at, at + _MAX_TEXT)
-        if end < 0:
-            raise TruncatedError(
-                f"the file ends (or goes on without a line break) before its line 'data' "
-                f"(offset {at})"
-            )
-        line = data[at:end].decode("utf-8", "replace").strip()
-        offset, at = at, end + 1
+    for offset, text in header_lines(data, _MAX_TEXT):
+        line = text.decode("utf-8", "replace").strip()
         if line.startswith("#"):
             if offset:
                 comments.append(line[1:].removeprefix(" "))
@@ -300,7 +293,7 @@ def _header(data: bytes) -> tuple[int, float, tuple[str, ...], int]:
             raise FormatError(
                 f"expected id, size, res or data, found {line[:40]!r} (offset {offset})"
             )
-    return _whole(fields), _edge(fields), tuple(comments), at
+    return _whole(fields), _edge(fields), tuple(comments), offset + len(text) + 1
 
 
 def _what_else(data: bytes) -> str:

@@ -106,4 +106,6 @@ def _origin(text: str) -> Origin:
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise FormatError(f"the line of volatool makes no sense: {trailer.short(error)}") from error
     cube, info = trailer.recall(content)
+    if not cube.side:
+        raise FormatError("the line of volatool makes no sense: a cube without extent has no cells")
     return Origin(cube, depth, (corner[0], corner[1], corner[2]), info)

@@ -113,7 +113,9 @@ def read(source: Source, header: Header) -> Volume:
         repaired = _read_without_metadata(source, header)
         if repaired is not None:
             return repaired
-        message = f"{error}; the file is cut, or its writer left out metadata words of zero"
+        message = (
+            f"{error}; the file is cut or damaged, or its writer left out metadata words of zero"
+        )
         raise type(error)(message, error.code) from error
 
 

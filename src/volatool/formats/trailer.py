@@ -260,7 +260,7 @@ def recall(content: dict[str, Any]) -> tuple[Cube, VolumeInfo]:
     """
     try:
         cube, epsg = _own_cube(content["cube"]), _whole(content["crs"]["epsg"])
-        if cube.side <= 0:
+        if cube.side < 0:  # 0: all points are in one place
             raise ValueError(f"side {cube.side}")
         x, y, z = cube.origin
         box = (x, y, z, x + cube.side, y + cube.side, z + cube.side)

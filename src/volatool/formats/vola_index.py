@@ -101,7 +101,8 @@ class IndexedFile:
     filename : str
         As the index has it.
     path : pathlib.Path or None
-        Where it was found: as named, else relative to the index; None if it is in neither place.
+        Where it was found: relative to the index, else as named (the original toolkit's names are
+        those of its command line); None if it is in neither place.
     content : dict
         The entry.
     """
@@ -176,7 +177,7 @@ def read_index(path: Path) -> VolaIndex:
 
 
 def _found(index: Path, name: str) -> Path | None:
-    for candidate in (Path(name), index.parent / name):
+    for candidate in (index.parent / name, Path(name)):
         try:
             if candidate.is_file():
                 return candidate

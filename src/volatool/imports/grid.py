@@ -101,5 +101,6 @@ def voxel_points(
 
 def _middles(voxels: I32, cube: Cube, depth: int) -> F64:
     cell = float(cube.exact[3] / 4**depth)
-    middles: F64 = np.asarray(cube.origin) + (voxels + 0.5) * cell
+    with np.errstate(over="ignore", invalid="ignore"):  # the reader refuses what is not finite
+        middles: F64 = np.asarray(cube.origin) + (voxels + 0.5) * cell
     return middles

@@ -235,14 +235,15 @@ def _touched(places: F64, depth: int, limit: int) -> I32:
     n_keys, start, step = 0, 0, 1 << 16
     while start < len(places):
         group = places[start : start + step]
-        counts = touched_cells(group, depth, room)
+        counts = touched_cells(group, depth, room, len(room))
         total = int(counts.sum())
         if total > len(room):
             fitting = int(np.searchsorted(np.cumsum(counts), len(room), "right"))
             if not fitting:  # one triangle alone
-                if total > limit:
+                needed = int(touched_cells(group[:1], depth, room, limit)[0])
+                if needed > limit:
                     raise _too_many(limit)
-                room, step = np.empty((int(counts[0]), 3), np.int32), 1
+                room, step = np.empty((needed, 3), np.int32), 1
                 continue
             group, total = group[:fitting], int(counts[:fitting].sum())
         keys.append(_once(cell_keys(room[:total])))
@@ -257,10 +258,12 @@ def _touched(places: F64, depth: int, limit: int) -> I32:
     return cells
 
 
-def _too_many(limit: int) -> ResourceError:
+def _too_many(
+    limit: int, what: str = "voxels", advice: str = "smaller --depth, a coarser --resolution"
+) -> ResourceError:
     return ResourceError(
-        f"the surface touches more than the {limit} voxels that --memory allows; give a smaller "
-        "--depth, or more --memory",
+        f"the surface takes more than the {limit} {what} that --memory allows; give a {advice}, or "
+        "more --memory",
         "E_SIZE",
     )
 
@@ -282,7 +285,8 @@ def _sampled(name: str, corners: F64, options: ConvertOptions) -> ImportedPoints
         spacing = cube.cell(depth) / 2 / max(1.0, float(crs.z_ratio))
     if not spacing > 0:  # a mesh in one place
         return ImportedPoints(name, lambda n_rows: sliced(corners[:1, 0], {}, n_rows))
-    counts = count_samples(corners, spacing)
+    limit = options.memory // BYTES_A_CELL
+    counts = count_samples(corners, spacing, limit)
     ends = np.cumsum(counts)
 
     def batches(n_rows: int) -> Iterator[Batch]:
@@ -290,8 +294,8 @@ def _sampled(name: str, corners: F64, options: ConvertOptions) -> ImportedPoints
         while first < len(corners):
             begin = int(ends[first - 1]) if first else 0
             stop = max(first + 1, int(np.searchsorted(ends, begin + n_rows, "right")))
-            if ends[stop - 1] - begin > options.memory // BYTES_A_CELL:
-                raise _too_many(options.memory // BYTES_A_CELL)
+            if ends[stop - 1] - begin > limit:
+                raise _too_many(limit, "points", "larger --spacing")
             found = sample(corners[first:stop], spacing, int(ends[stop - 1]) - begin)
             yield from sliced(found, {}, n_rows, begin)
             first = stop

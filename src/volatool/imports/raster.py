@@ -32,7 +32,7 @@ def read(path: Path, options: ConvertOptions) -> ImportedPoints:
     FormatError, ResourceError
         No such raster; it claims more cells than any model may have.
     """
-    from volatool.dem.geotiff import height_rows, read_place
+    from volatool.dem.raster import height_rows, read_place
     from volatool.points.crs import crs_from_user
 
     place = read_place(path)

@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 
 from volatool.cube import Cube
-from volatool.errors import CodedWarning, FormatError, InputError, VolatoolError
+from volatool.errors import CodedWarning, FormatError, InputError, OptionError, VolatoolError
 from volatool.imports.attributes import AttributeSurvey, checked, factors, scaling_warnings
 from volatool.imports.decimals import Axis, AxisSurvey
 from volatool.imports.model import Batch, ImportedPoints
@@ -58,6 +58,11 @@ class ImportSource:
         self.points: ImportedPoints = read_points(path, options)
         if options.compat is not None:  # it takes the numbers as they are, whatever their range
             self.points.attributes = frozenset()
+        elif options.classes is not None and "classification" not in self.points.attributes:
+            raise OptionError(
+                f"{path.name}: --class can't choose, no column or property of the file is a class; "
+                "name it with --columns, or leave --class out"
+            )
         self.format: str | None = self.points.format
         self._swap = options.swap_yz and not self.points.is_final
         self.warnings: list[CodedWarning] = []

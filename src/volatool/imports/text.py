@@ -141,7 +141,7 @@ def _layout(path: Path) -> Layout:
             if names is not None or _names(words) is None:
                 raise FormatError(
                     f"line {number}: {line[:60].decode('latin-1').rstrip()!r} is neither numbers "
-                    "nor a header that names x, y and z",
+                    f"nor a header that names x, y and z{_advice(line)}",
                     "E_NOT_IMPORT",
                 )
             names, is_header = _names(words), True
@@ -161,6 +161,18 @@ def _words(line: bytes) -> tuple[list[str], bytes | None]:
                 fields.pop()  # a separator at the end of the line
             return [f.decode("latin-1").strip().strip("\"'") for f in fields], delimiter
     return [field.decode("latin-1").strip("\"'") for field in text.split()], None
+
+
+def _advice(line: bytes) -> str:
+    """Return what to do about a line that is no table, to end a sentence."""
+    for delimiter in (b";", None):  # 1,5;2,5;3,5 or 1,5 2,5 3,5
+        fields = line.strip().split(delimiter)
+        points = [field.decode("latin-1").strip().replace(",", ".") for field in fields]
+        if len(points) >= 3 and b"," in line and _are_numbers(points):
+            return "; decimal commas are not read: write points"
+    if len(line.split()) > 1 or b"," in line or b";" in line:
+        return ""
+    return "; columns are separated by commas, semicolons or white space"
 
 
 def _names(words: list[str]) -> tuple[str, ...] | None:

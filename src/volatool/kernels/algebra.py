@@ -6,6 +6,7 @@ import numpy as np
 
 from volatool.kernels._jit import kernel
 from volatool.kernels.contiguity import popcount
+from volatool.kernels.regions import range_mask
 
 _ONE = np.uint64(1)
 
@@ -63,21 +64,7 @@ def box_bits(words, blocks, first, last):
     """
     kept = np.empty(words.size, np.uint64)
     for i in range(words.size):
-        mask = ~np.uint64(0)
-        for axis in range(3):
-            start = 4 * np.int64(blocks[i, axis])
-            part = np.uint64(0)
-            for digit in range(4):
-                if first[axis] <= start + digit <= last[axis]:
-                    # the slab of cells with this digit on the axis
-                    if axis == 0:
-                        part |= np.uint64(0x1111111111111111) << np.uint64(digit)
-                    elif axis == 1:
-                        part |= np.uint64(0x000F000F000F000F) << np.uint64(4 * digit)
-                    else:
-                        part |= np.uint64(0xFFFF) << np.uint64(16 * digit)
-            mask &= part
-        kept[i] = words[i] & mask
+        kept[i] = words[i] & range_mask(blocks[i], first, last)
     return kept
 
 
@@ -114,6 +101,32 @@ def pair_words(words_a, words_b, blocks_a, blocks_b, mode):
         else:
             words[i] = a
     return words
+
+
+@kernel
+def part_words(words, words_a, blocks_a):
+    """
+    Part the bits of blocks into those that a volume has, and the others.
+
+    Parameters
+    ----------
+    words : (k,) array of uint64
+        The bits.
+    words_a : (n,) array of uint64
+        Occupancy words of a level.
+    blocks_a : (k,) array of int64
+        Which word is that of a block, -1 where the volume has no such block.
+
+    Returns
+    -------
+    own, others : (k,) arrays of uint64
+    """
+    own, others = np.empty(words.size, np.uint64), np.empty(words.size, np.uint64)
+    for i in range(words.size):
+        a = words_a[blocks_a[i]] if blocks_a[i] >= 0 else np.uint64(0)
+        own[i] = words[i] & a
+        others[i] = words[i] & ~a
+    return own, others
 
 
 @kernel

@@ -5,64 +5,65 @@ from __future__ import annotations
 import numpy as np
 
 from volatool.kernels._jit import kernel
+from volatool.kernels.adjacent import (
+    CELLS,
+    DOWN,
+    FACES,
+    NOT_FACES,
+    UP,
+    at_sides,
+    grown,
+    meetings,
+    moved,
+    touched,
+    touching,
+)
 from volatool.kernels.contiguity import popcount
 
 _ONE = np.uint64(1)
-_LOW = np.uint64(0x1111111111111111), np.uint64(0x000F000F000F000F), np.uint64(0xFFFF)
-_HIGH = (
-    np.uint64(0x8888888888888888),
-    np.uint64(0xF000F000F000F000),
-    np.uint64(0xFFFF000000000000),
-)
-_X0, _Y0, _Z0 = _LOW
-_X3, _Y3, _Z3 = _HIGH
 _SLOTS = np.uint64(15)
-_LOWEST = np.array([0, 0, 1, 0, 2, 0, 1, 0, 3, 0, 1, 0, 2, 0, 1, 0])
-_HIGHEST = np.array([0, 0, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 3, 3])
 _U1, _U2, _U4, _U8, _U16, _U32 = (np.uint64(1 << i) for i in range(6))
 
+_BORDERS = np.array(
+    [
+        [0x1111111111111111, 0x8888888888888888],
+        [0x000F000F000F000F, 0xF000F000F000F000],
+        [0x000000000000FFFF, 0xFFFF000000000000],
+    ],
+    np.uint64,
+)
+_BATCH = 512  # words that are flooded together
+_STEPS = 4  # so often they grow before each is looked at
+_MOST_PAIRS = 13 * 64  # of the blocks of a node with blocks that come later
+
+SMALL = 1024
+"""Components of fewer cells are put in order by counting."""
+
 
 @kernel
-def _along_x(word):
-    return word | ((word & ~_X3) << _U1) | ((word & ~_X0) >> _U1)
-
-
-@kernel
-def _along_y(word):
-    return word | ((word & ~_Y3) << _U4) | ((word & ~_Y0) >> _U4)
-
-
-@kernel
-def _along_z(word):
-    return word | (word << _U16) | (word >> _U16)
-
-
-@kernel
-def grown(word, is_26):
-    """
-    Cells of a block that are set or next to one that is.
-
-    Parameters
-    ----------
-    word : uint64
-        Bit ``lx + 4 ly + 16 lz``.
-    is_26 : bool
-        Next to means sharing a corner; else a face.
-
-    Returns
-    -------
-    grown : uint64
-        Nothing leaves the block.
-    """
+def _flood_first(words, is_26, parts):
+    """Flood from the lowest bit of each word, some steps: straight code, many words at once."""
     if is_26:
-        return _along_z(_along_y(_along_x(word)))
-    return _along_x(word) | _along_y(word) | _along_z(word)
+        for i in range(words.size):
+            part = words[i] & (~words[i] + _ONE)
+            for _ in range(_STEPS):
+                part = grown(part, True) & words[i]
+            parts[i] = part
+    else:
+        for i in range(words.size):
+            part = words[i] & (~words[i] + _ONE)
+            for _ in range(_STEPS):
+                part = grown(part, False) & words[i]
+            parts[i] = part
 
 
 @kernel
-def split(words, is_26):
+def split(words, is_26, most):
     """
     Parts of each block that hang together inside it.
+
+    The part of the lowest bit is flooded without a branch, for many blocks at once; it is mostly
+    all there is. Only what is left is looked at block by block.
 
     Parameters
     ----------
@@ -70,98 +71,57 @@ def split(words, is_26):
         Occupancy words.
     is_26 : bool
         Cells hang together over corners; else over faces only.
+    most : int
+        At least as many as there are parts: their cells will do.
 
     Returns
     -------
-    starts : (n + 1,) array of int64
-        Where the parts of each block begin.
-    masks : (m,) array of uint64
-        Cells of each part, block after block, ordered by the lowest bit.
+    starts : (n + 1,) array of int32
+        Where the parts of each block begin; useless when there are 2**31 parts or more.
+    masks : (m + 2,) array of uint64
+        Cells of each of m parts, block after block, ordered by the lowest bit; two empty ones
+        at the end, for `_part_of` to read.
     """
-    starts = np.empty(words.size + 1, np.int64)
-    masks = np.empty(words.size + words.size // 4 + 64, np.uint64)
+    starts = np.empty(words.size + 1, np.int32)
+    masks = np.empty(most + 2, np.uint64)  # a page that is never written takes no memory
+    parts = np.empty(_BATCH, np.uint64)
     n = 0
-    for i in range(words.size):
-        starts[i] = n
-        if n + 64 > masks.size:
-            larger = np.empty(2 * masks.size + 64, np.uint64)
-            larger[:n] = masks[:n]
-            masks = larger
-        rest = words[i]
-        while rest:
-            part = rest & (~rest + _ONE)
-            before = np.uint64(0)
-            while part != before:
-                before = part
-                part = grown(part, is_26) & rest
-            masks[n] = part
-            n += 1
-            rest ^= part
+    for base in range(0, words.size, _BATCH):
+        batch = words[base : base + _BATCH]
+        _flood_first(batch, is_26, parts)
+        for i in range(batch.size):
+            starts[base + i] = n
+            rest, part = batch[i], parts[i]
+            while rest:
+                before = np.uint64(0)
+                while part != before and part != rest:
+                    before = part
+                    part = grown(part, is_26) & rest
+                masks[n] = part
+                n += 1
+                rest ^= part
+                part = rest & (~rest + _ONE)
     starts[words.size] = n
-    return starts, masks[:n].copy()
-
-
-@kernel
-def _root(parents, i):
-    while parents[i] != i:
-        parents[i] = parents[parents[i]]
-        i = parents[i]
-    return i
+    masks[n : n + 2] = 0
+    return starts, masks[: n + 2]
 
 
 @kernel
 def _unite(parents, i, j):
-    """Join two trees under the smaller root: the component's first part in VOLA order."""
-    i = _root(parents, i)
-    j = _root(parents, j)
-    if i < j:
-        parents[j] = i
-    elif j < i:
-        parents[i] = j
-
-
-@kernel
-def _handed_over(word, mask, shift, ways, is_26):
-    """Cells of a neighbouring block that touch a set cell of this one."""
-    word &= mask
-    word = word << np.uint64(shift) if shift >= 0 else word >> np.uint64(-shift)
-    if is_26 and word:
-        if ways & 1:
-            word = _along_x(word)
-        if ways & 2:
-            word = _along_y(word)
-        if ways & 4:
-            word = _along_z(word)
-    return word
-
-
-@kernel
-def _directions(is_26):
     """
-    Return the upper half of the directions to neighbouring blocks.
+    Join two trees under the smaller root: the component's first part in VOLA order.
 
-    A row each: dx, dy, dz, by how much bits shift, and the axes along which cells spread (x 1,
-    y 2, z 4); and which cells are at that side.
+    Rem's algorithm: both ways up are walked in turn, the one that is higher up in number hung
+    lower on the way, until they meet.
     """
-    rows, sides = np.empty((13, 5), np.int64), np.empty(13, np.uint64)
-    n = 0
-    for direction in range(14, 27):
-        dx, dy, dz = direction % 3 - 1, (direction // 3) % 3 - 1, direction // 9 - 1
-        if not is_26 and abs(dx) + abs(dy) + abs(dz) > 1:
-            continue
-        side = ~np.uint64(0)
-        if dx:
-            side &= _X3 if dx > 0 else _X0
-        if dy:
-            side &= _Y3 if dy > 0 else _Y0
-        if dz:
-            side &= _Z3
-        ways = (dx == 0) + 2 * (dy == 0) + 4 * (dz == 0)
-        rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = dx, dy, dz, -(3 * dx + 12 * dy + 48 * dz)
-        rows[n, 4] = ways
-        sides[n] = side
-        n += 1
-    return rows[:n], sides[:n]
+    a, b = parents[i], parents[j]
+    while a != b:
+        if a < b:
+            i, j, a, b = j, i, b, a
+        parents[i] = b
+        if i == a:
+            return
+        i, a = a, parents[a]
 
 
 @kernel
@@ -208,7 +168,14 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
     rest = np.zeros(height, np.uint64)
     around[0, 13] = 0
     rest[0] = upper[0]
-    directions, sides = _directions(is_26)
+    later = FACES[3:]
+    if is_26:
+        later = np.concatenate((later, NOT_FACES[10:]))
+    meeting = meetings(later, is_26)
+    room = np.empty(27, np.uint64), np.empty((_MOST_PAIRS + 1, 3), np.int64)
+    if height == 1:
+        rest[0] = 0
+        _unite_children(upper, first, around[0], leaves, starts, masks, meeting, room, parents)
     level = 0
     while level >= 0:
         word = rest[level]
@@ -218,116 +185,202 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
         low = word & (~word + _ONE)
         rest[level] = word ^ low
         bit = popcount(low - _ONE)
-        if level < height - 1:
-            for z in range(-1, 2):
-                for y in range(-1, 2):
-                    for x in range(-1, 2):
-                        around[level + 1, (x + 1) + 3 * (y + 1) + 9 * (z + 1)] = _child(
-                            upper, first, around[level], bit, x, y, z
-                        )
-            level += 1
-            rest[level] = upper[around[level, 13]]
+        below = around[level + 1]
+        for z in range(2):  # no direction goes down
+            for y in range(-1, 2):
+                for x in range(-1, 2):
+                    below[(x + 1) + 3 * (y + 1) + 9 * (z + 1)] = _child(
+                        upper, first, around[level], bit, x, y, z
+                    )
+        if level == height - 2:
+            _unite_children(upper, first, below, leaves, starts, masks, meeting, room, parents)
             continue
-        here = _child(upper, first, around[level], bit, 0, 0, 0) - upper.size
-        _unite_with_next(
-            upper, first, around[level], bit, here, leaves, starts, masks, is_26, directions, sides,
-            parents,
-        )  # fmt: skip
+        level += 1
+        rest[level] = upper[below[13]]
 
 
 @kernel
-def _unite_with_next(
-    upper, first, around, bit, here, leaves, starts, masks, is_26, directions, sides, parents
-):
-    """Join one block with its neighbours in the upper half of all directions."""
-    own = leaves[here]
-    for k in range(sides.size):
-        if not own & sides[k]:
+def _unite_children(upper, first, around, leaves, starts, masks, meeting, room, parents):
+    """Join the blocks of a node with each other and with those of the nodes around it."""
+    nodes, directions, ways = meeting
+    sides, hits = room
+    word, base = upper[around[13]], first[around[13]] - upper.size
+    at_sides(word, leaves, base, _BORDERS, sides)
+    n = 0
+    for k in range(nodes.size):
+        node = around[nodes[k]]
+        if node < 0:
             continue
-        there = _child(
-            upper, first, around, bit, directions[k, 0], directions[k, 1], directions[k, 2]
-        )
-        if there < 0:
-            continue
-        there -= upper.size
-        side, shift, ways = sides[k], directions[k, 3], directions[k, 4]
-        if not _handed_over(own, side, shift, ways, is_26) & leaves[there]:
-            continue
-        for i in range(starts[here], starts[here + 1]):
-            reached = _handed_over(masks[i], side, shift, ways, is_26)
-            if reached:
-                for j in range(starts[there], starts[there + 1]):
-                    if reached & masks[j]:
-                        _unite(parents, i, j)
+        other, up, down = upper[node], ways[k, UP], ways[k, DOWN]
+        facing = other & sides[26 - directions[k]] if nodes[k] == 13 else other
+        pairs = word & ways[k, CELLS] & sides[directions[k]] & moved(facing, down, up)
+        other_base = first[node] - upper.size
+        while pairs:
+            low = pairs & (~pairs + _ONE)
+            pairs ^= low
+            here = base + popcount(word & (low - _ONE))
+            there = other_base + popcount(other & (moved(low, up, down) - _ONE))
+            hits[n, 0], hits[n, 1], hits[n, 2] = here, there, k
+            n += (touched(leaves[here], ways, k) & leaves[there]) != 0
+    for hit in range(n):
+        here, there, k = hits[hit, 0], hits[hit, 1], hits[hit, 2]
+        reached = touched(leaves[here], ways, k) & leaves[there]
+        reaching = touching(reached, ways, k) & leaves[here]
+        i = _part_of(masks, starts[here], reaching & (~reaching + _ONE))
+        j = _part_of(masks, starts[there], reached & (~reached + _ONE))
+        if not (reaching & ~masks[i] or reached & ~masks[j]):
+            _unite(parents, i, j)
+        else:
+            _unite_parts(here, there, starts, masks, ways, k, parents)
 
 
 @kernel
-def number(parents):
+def _part_of(masks, start, cell):
+    """First part from `start` on that has a cell; three are looked at without a branch."""
+    a = np.int64((masks[start] & cell) == 0)
+    b = np.int64((masks[start + 1] & cell) == 0)
+    c = np.int64((masks[start + 2] & cell) == 0)
+    start += a * (1 + b * (1 + c))
+    while not masks[start] & cell:
+        start += 1
+    return start
+
+
+@kernel
+def _unite_parts(here, there, starts, masks, ways, k, parents):
+    """Join the parts of two blocks that touch each other."""
+    for i in range(starts[here], starts[here + 1]):
+        reached = touched(masks[i], ways, k)
+        for j in range(starts[there], starts[there + 1]):
+            if reached & masks[j]:
+                _unite(parents, i, j)
+
+
+@kernel
+def number(parents, masks):
     """
-    Replace each part's parent by its tree's number.
+    Replace each part's parent by its tree's number, and count the trees' cells.
 
     Parameters
     ----------
     parents : (m,) array of int32
         No root is above a member of its tree. Out: the tree's number, from 0.
+    masks : array of uint64
+        From `split`.
 
     Returns
     -------
-    n : int
-        Trees.
+    sizes : (n,) array of int64
+        Cells of each tree.
     """
+    sizes = np.zeros(parents.size, np.int64)
     n = 0
     for i in range(parents.size):
-        if parents[i] == i:
-            parents[i] = n
+        parent = parents[i]
+        if parent == i:
+            tree = n
             n += 1
         else:
-            parents[i] = parents[parents[i]]
-    return n
+            tree = parents[parent]
+        parents[i] = tree
+        sizes[tree] += popcount(masks[i])
+    return sizes[:n]
 
 
 @kernel
-def measure(starts, masks, numbers, blocks, sizes, boxes):
+def rank(sizes, large):
     """
-    Add up cells and boxes of the components.
+    Order components by size, the largest first, equal ones as they come.
+
+    Parameters
+    ----------
+    sizes : (n,) array of int64
+        At least 1.
+    large : (l,) array of int64
+        Those of `SMALL` cells and more, in order; the others are ordered by counting.
+
+    Returns
+    -------
+    ranks : (n,) array of int32
+        Where each component goes.
+    ordered : (n,) array of int64
+        The sizes in order.
+    """
+    places = np.zeros(SMALL, np.int64)
+    for i in range(sizes.size):
+        if sizes[i] < SMALL:
+            places[sizes[i]] += 1
+    place = large.size
+    for size in range(SMALL - 1, 0, -1):
+        n_equal = places[size]
+        places[size] = place
+        place += n_equal
+    ranks, ordered = np.empty(sizes.size, np.int32), np.empty(sizes.size, np.int64)
+    for i in range(large.size):
+        ranks[large[i]] = i
+        ordered[i] = sizes[large[i]]
+    for i in range(sizes.size):
+        size = sizes[i]
+        if size < SMALL:
+            place = places[size]
+            places[size] = place + 1
+            ranks[i] = place
+            ordered[place] = size
+    return ranks, ordered
+
+
+@kernel
+def measure(starts, masks, numbers, ranks, blocks, boxes):
+    """
+    Find the boxes of the components, and give each part its component's rank.
 
     Parameters
     ----------
     starts, masks : arrays
         From `split`.
     numbers : (m,) array of int32
-        Component of each part.
+        Component of each part. Out: its rank.
+    ranks : (k,) array of int32
+        From `rank`.
     blocks : (n, 3) array of int32
         x, y, z of the blocks.
-    sizes : (k,) array of int64
-        Zeros; out: cells of each component.
     boxes : (k, 6) array of int32
-        Out: lowest x, y, z and highest x, y, z of its cells.
+        Out: lowest x, y, z and highest x, y, z of the cells, by rank.
     """
     boxes[:, :3] = np.int32(2**31 - 1)
     boxes[:, 3:] = np.int32(-1)
     for block in range(blocks.shape[0]):
+        x, y, z = 4 * blocks[block, 0], 4 * blocks[block, 1], 4 * blocks[block, 2]
         for part in range(starts[block], starts[block + 1]):
             mask = masks[part]
-            k = numbers[part]
-            sizes[k] += popcount(mask)
-            # which of the four slots of each axis are in use, as four bits
+            k = ranks[numbers[part]]
+            numbers[part] = k
             plane = mask | (mask >> _U32)
-            plane |= plane >> _U16
-            x = plane | (plane >> _U8)
-            x = (x | (x >> _U4)) & _SLOTS
-            y = plane | (plane >> _U1)
-            y = (y | (y >> _U2)) & np.uint64(0x1111)
-            y = (y | (y >> np.uint64(3)) | (y >> np.uint64(6)) | (y >> np.uint64(9))) & _SLOTS
-            z = np.uint64(0)
-            for slot in range(4):
-                if (mask >> np.uint64(16 * slot)) & _Z0:
-                    z |= _ONE << np.uint64(slot)
-            for axis, slots in enumerate((x, y, z)):
-                corner = 4 * blocks[block, axis]
-                low, high = corner + _LOWEST[slots], corner + _HIGHEST[slots]
-                boxes[k, axis] = min(boxes[k, axis], low)
-                boxes[k, 3 + axis] = max(boxes[k, 3 + axis], high)
+            plane = (plane | (plane >> _U16)) & np.uint64(0xFFFF)
+            line = plane | (plane >> _U8)
+            line = (line | (line >> _U4)) & _SLOTS
+            boxes[k, 0] = min(boxes[k, 0], x + _lowest(line))
+            boxes[k, 1] = min(boxes[k, 1], y + (_lowest(plane) >> 2))
+            boxes[k, 2] = min(boxes[k, 2], z + (_lowest(mask) >> 4))
+            boxes[k, 3] = max(boxes[k, 3], x + _quarter(line, _U1))
+            boxes[k, 4] = max(boxes[k, 4], y + _quarter(plane, _U4))
+            boxes[k, 5] = max(boxes[k, 5], z + _quarter(mask, _U16))
+
+
+@kernel
+def _lowest(word):
+    """Return the number of the lowest bit."""
+    return popcount((word & (~word + _ONE)) - _ONE)
+
+
+@kernel
+def _quarter(word, width):
+    """Return which group of so many bits, of four, has the highest bit."""
+    return (
+        np.int64(word >> width != 0)
+        + np.int64(word >> (_U2 * width) != 0)
+        + np.int64(word >> (np.uint64(3) * width) != 0)
+    )
 
 
 @kernel

@@ -5,6 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from volatool.kernels._jit import kernel
+from volatool.kernels.adjacent import (
+    CELLS,
+    DOWN,
+    FACES,
+    NOT_FACES,
+    UP,
+    at_sides,
+    grown,
+    meetings,
+    moved,
+    touching,
+)
 from volatool.kernels.contiguity import popcount
 
 _ONE = np.uint64(1)
@@ -106,10 +118,12 @@ def neighbour_children(cells, neighbours, words, ranks, n_cells):
             low = word & (~word + _ONE)
             bit = popcount(low - _ONE)
             x, y, z = bit & 3, (bit >> 2) & 3, bit >> 4
-            for k in range(27):
-                children[place, k] = _child_of(
-                    neighbours, i, words, ranks, x + k % 3 - 1, y + k // 3 % 3 - 1, z + k // 9 - 1
-                )
+            for dz in range(-1, 2):
+                for dy in range(-1, 2):
+                    for dx in range(-1, 2):
+                        children[place, 13 + dx + 3 * dy + 9 * dz] = _child_of(
+                            neighbours, i, words, ranks, x + dx, y + dy, z + dz
+                        )
             place += 1
             word ^= low
     return children
@@ -136,39 +150,63 @@ def far_bits(bits, cells, neighbours, words, ranks, deepest, reach):
     far : (k,) array of uint64
     """
     far = np.empty(bits.size, np.uint64)
-    # only cells at a face, edge or corner can be near the block beyond it
-    border = np.empty(27, np.uint64)
-    order = np.empty(26, np.int64)  # faces, then edges, then corners: the likelier first
-    n_ordered = 0
-    for away in range(1, 4):
-        for k in range(27):
-            dx, dy, dz = k % 3 - 1, k // 3 % 3 - 1, k // 9 - 1
-            if abs(dx) + abs(dy) + abs(dz) == away:
-                border[k] = spread(~np.uint64(0), dx, dy, dz, reach)
-                order[n_ordered] = k
-                n_ordered += 1
-    place = 0
+    borders = np.empty((3, 2), np.uint64)
+    for side in range(2):
+        away = 2 * side - 1
+        borders[0, side] = spread(~np.uint64(0), away, 0, 0, reach)
+        borders[1, side] = spread(~np.uint64(0), 0, away, 0, reach)
+        borders[2, side] = spread(~np.uint64(0), 0, 0, away, reach)
+    faces, others = meetings(FACES, True), meetings(NOT_FACES, True)
+    sides = np.empty(27, np.uint64)
+    start = 0
     for i in range(cells.size):
-        word = cells[i]
-        while word:
-            low = word & (~word + _ONE)
-            bit = popcount(low - _ONE)
-            x, y, z = bit & 3, (bit >> 2) & 3, bit >> 4
-            rest = bits[place]
-            if rest:  # the block itself first: most are done with it
-                own = _child_of(neighbours, i, words, ranks, x, y, z)
-                if own >= 0:
-                    rest &= ~spread(deepest[own], 0, 0, 0, reach)
-            for k in order:
-                if not rest:
-                    break
-                if not rest & border[k]:
-                    continue
-                dx, dy, dz = k % 3 - 1, k // 3 % 3 - 1, k // 9 - 1
-                other = _child_of(neighbours, i, words, ranks, x + dx, y + dy, z + dz)
-                if other >= 0:
-                    rest &= ~spread(deepest[other], dx, dy, dz, reach)
-            far[place] = rest
+        word, node = cells[i], neighbours[i, 13]
+        own, child = (words[node], ranks[node]) if node >= 0 else (np.uint64(0), np.int64(0))
+        rest, place, n_left = word, start, 0
+        while rest:
+            low = rest & (~rest + _ONE)
+            rest ^= low
+            left = bits[place]
+            if own & low:
+                near = deepest[child + popcount(own & (low - _ONE))]
+                left &= ~(grown(near, True) if reach == 1 else spread(near, 0, 0, 0, reach))
+            far[place] = left
             place += 1
-            word ^= low
+            n_left += left != 0
+        if n_left:
+            at_sides(word, far, start, borders, sides)
+            _clear_near(far, start, word, sides, faces, neighbours, i, words, ranks, deepest, reach)
+            at_sides(word, far, start, borders, sides)
+            _clear_near(
+                far, start, word, sides, others, neighbours, i, words, ranks, deepest, reach
+            )
+        start = place
     return far
+
+
+@kernel
+def _clear_near(far, start, word, sides, meeting, neighbours, i, words, ranks, deepest, reach):
+    """
+    Clear the bits of a node's children that are near those of neighbouring blocks.
+
+    All pairs of blocks in one direction are found at once, of the children that have a bit at
+    the side that way.
+    """
+    nodes, directions, ways = meeting
+    for k in range(nodes.size):
+        node, direction = neighbours[i, nodes[k]], directions[k]
+        if node < 0:
+            continue
+        other, up, down = words[node], ways[k, UP], ways[k, DOWN]
+        pairs = word & ways[k, CELLS] & sides[direction] & moved(other, down, up)
+        while pairs:
+            low = pairs & (~pairs + _ONE)
+            pairs ^= low
+            here = start + popcount(word & (low - _ONE))
+            near = deepest[ranks[node] + popcount(other & (moved(low, up, down) - _ONE))]
+            if reach == 1:
+                near = touching(near, ways, k)
+            else:
+                x, y, z = direction % 3 - 1, direction // 3 % 3 - 1, direction // 9 - 1
+                near = spread(near, x, y, z, reach)
+            far[here] &= ~near

@@ -7,6 +7,8 @@ import numpy as np
 from volatool.kernels._jit import kernel
 from volatool.kernels.contiguity import popcount
 
+_ONE = np.uint64(1)
+
 
 @kernel
 def project_columns(words, columns, n_columns):
@@ -17,7 +19,7 @@ def project_columns(words, columns, n_columns):
     ----------
     words : (n,) array of uint64
         Occupancy words.
-    columns : (n,) array of int64
+    columns : (n,) array of int
         Which column of blocks each is of, below `n_columns`.
     n_columns : int
 
@@ -51,11 +53,11 @@ def column_children(words, columns, flat, ranks, n_cells):
 
     Returns
     -------
-    children : (n_cells,) array of int64
+    children : (n_cells,) array of int32
         For each set bit in order the rank of its column: columns are a tree of 4 x 4 like blocks
         one of 4 x 4 x 4, so that nothing need be sorted.
     """
-    children = np.empty(n_cells, np.int64)
+    children = np.empty(n_cells, np.int32)
     place = 0
     for i in range(words.size):
         word = words[i]
@@ -70,57 +72,102 @@ def column_children(words, columns, flat, ranks, n_cells):
 
 
 @kernel
-def sum_places(places, cells, added, removed, far_added, far_removed, n_places):
+def child_layers(words, layers, n_cells):
+    """
+    Layers of the cells that words have set.
+
+    Parameters
+    ----------
+    words : (n,) array of uint64
+        Occupancy words.
+    layers : (n,) array of int32
+        z of their blocks.
+    n_cells : int
+        Set bits of all words.
+
+    Returns
+    -------
+    children : (n_cells,) array of int32
+        z one level deeper, in the order of the words and their bits.
+    """
+    children = np.empty(n_cells, np.int32)
+    place = 0
+    for i in range(words.size):
+        word = words[i]
+        for digit in range(4):
+            n_here = popcount((word >> np.uint64(16 * digit)) & np.uint64(0xFFFF))
+            children[place : place + n_here] = 4 * layers[i] + digit
+            place += n_here
+    return children
+
+
+@kernel
+def sum_places(places, layers, added, removed, far_added, far_removed, n_places):
     """
     Sum the bits of blocks by place.
 
     Parameters
     ----------
-    places : (n,) array of int64
+    places : (n,) array of int
         Which place each block is of, below `n_places`.
-    cells : (n, 3) array of int32
-        x, y, z of each block.
+    layers : (n,) array of int32
+        z of each block.
     added, removed, far_added, far_removed : (n,) arrays of uint64
         Bits of blocks.
     n_places : int
 
     Returns
     -------
-    sums : (n_places, 6) array of int64
-        Bits of each kind; the lowest and the highest layer of cells added or removed, large and -1
-        where there is none.
+    held : (m,) array of int64
+        The places that have cells added or removed.
+    sums : (6, m) array of int64
+        Of each of them the bits of each kind; the lowest and the highest layer of cells added or
+        removed.
     """
     sums = np.zeros((n_places, 6), np.int64)
-    sums[:, 4] = np.int64(1) << 40
     sums[:, 5] = -1
     for i in range(places.size):
-        row = places[i]
         both = added[i] | removed[i]
         if not both:
             continue
+        row = places[i]
         sums[row, 0] += popcount(added[i])
         sums[row, 1] += popcount(removed[i])
         sums[row, 2] += popcount(far_added[i])
         sums[row, 3] += popcount(far_removed[i])
-        layer = 4 * np.int64(cells[i, 2])
-        for digit in range(4):
-            if both >> np.uint64(16 * digit) & np.uint64(0xFFFF):
-                sums[row, 4] = min(sums[row, 4], layer + digit)
-                sums[row, 5] = max(sums[row, 5], layer + digit)
-    return sums
+        lowest = 4 * np.int64(layers[i]) + (popcount((both & (~both + _ONE)) - _ONE) >> 4)
+        highest = 4 * np.int64(layers[i])
+        for digit in range(1, 4):
+            highest += np.int64(both >> np.uint64(16 * digit) != 0)
+        # one more than the lowest layer, zero where there is none as yet
+        first = sums[row, 4]
+        sums[row, 4] = lowest + 1 if first == 0 else min(first, lowest + 1)
+        sums[row, 5] = max(sums[row, 5], highest)
+    n_held = 0
+    for row in range(n_places):
+        n_held += np.int64(sums[row, 5] >= 0)
+    held, columns = np.empty(n_held, np.int64), np.empty((6, n_held), np.int64)
+    place = 0
+    for row in range(n_places):
+        if sums[row, 5] >= 0:
+            held[place] = row
+            for kind in range(6):
+                columns[kind, place] = sums[row, kind] - (kind == 4)
+            place += 1
+    return held, columns
 
 
 @kernel
-def top_layers(places, cells, words, n_places):
+def top_layers(places, layers, words, n_places):
     """
     Highest cell set in each of the 16 columns of cells of a column of blocks.
 
     Parameters
     ----------
-    places : (n,) array of int64
+    places : (n,) array of int
         Which column of blocks each block is of, below `n_places`.
-    cells : (n, 3) array of int32
-        x, y, z of each block.
+    layers : (n,) array of int32
+        z of each block.
     words : (n,) array of uint64
         Their bits.
     n_places : int
@@ -132,7 +179,7 @@ def top_layers(places, cells, words, n_places):
     """
     tops = np.full((n_places, 16), -1, np.int32)
     for i in range(places.size):
-        layer = np.int32(4 * cells[i, 2])
+        layer = np.int32(4 * layers[i])
         seen = np.uint64(0)
         for digit in range(3, -1, -1):
             fresh = (words[i] >> np.uint64(16 * digit)) & np.uint64(0xFFFF) & ~seen

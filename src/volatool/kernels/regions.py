@@ -9,6 +9,8 @@ from volatool.kernels.contiguity import popcount
 from volatool.kernels.locate import child_row
 
 _ONE = np.uint64(1)
+_RUNS = np.array([0xF, 0xFFFF, 0xFFFF_FFFF_FFFF_FFFF], np.uint64)
+_REPEATS = np.array([0x1111_1111_1111_1111, 0x0001_0001_0001_0001, 1], np.uint64)
 
 
 @kernel
@@ -18,7 +20,7 @@ def range_mask(block, first, last):
 
     Parameters
     ----------
-    block : (3,) array of int64
+    block : (3,) array of int
         x, y, z of the block, in blocks.
     first, last : (3,) arrays of int64
         Cells, both inclusive.
@@ -28,18 +30,17 @@ def range_mask(block, first, last):
     mask : uint64
         Bit ``lx + 4 ly + 16 lz``.
     """
-    row = np.uint64(0)
-    layer = np.uint64(0)
-    mask = np.uint64(0)
-    for k in range(4):
-        if first[0] <= 4 * block[0] + k <= last[0]:
-            row |= _ONE << np.uint64(k)
-    for k in range(4):
-        if first[1] <= 4 * block[1] + k <= last[1]:
-            layer |= row << np.uint64(4 * k)
-    for k in range(4):
-        if first[2] <= 4 * block[2] + k <= last[2]:
-            mask |= layer << np.uint64(16 * k)
+    mask = ~np.uint64(0)
+    for axis in range(3):
+        start = 4 * np.int64(block[axis])
+        low, high = max(first[axis] - start, 0), min(last[axis] - start, 3)
+        if low > high:
+            return np.uint64(0)
+        # digits low to high: one run of bits, repeated for each digit of the axes above
+        width = 1 << 2 * axis
+        digits = _RUNS[axis] >> np.uint64(width * (3 - high))
+        digits &= _RUNS[axis] << np.uint64(width * low)
+        mask &= digits * _REPEATS[axis]
     return mask
 
 

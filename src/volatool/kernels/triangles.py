@@ -42,8 +42,11 @@ def _touches(corners, normal, middle, half):
 
 
 @kernel
-def _descend(corners, depth, cells, at):
-    """Append the cells that one triangle touches to `cells` from `at` on; return how many."""
+def _descend(corners, depth, cells, at, limit):
+    """Append the cells that one triangle touches to `cells` from `at` on; return how many.
+
+    Above `limit` it stops: a triangle may touch more cells than can ever be counted.
+    """
     low = np.empty(3)
     high = np.empty(3)
     side = np.float64(np.int64(4) ** depth)
@@ -64,7 +67,7 @@ def _descend(corners, depth, cells, at):
     stack = np.empty((64 * depth + 1, 4), np.int64)
     stack[0, :] = 0
     n_stack = 1
-    while n_stack:
+    while n_stack and n_found <= limit:
         n_stack -= 1
         level = stack[n_stack, 0] + 1
         size = np.int64(4) ** (depth - level)
@@ -98,7 +101,7 @@ def _descend(corners, depth, cells, at):
 
 
 @kernel
-def touched_cells(triangles, depth, cells):
+def touched_cells(triangles, depth, cells, limit):
     """
     Cells of a cube that triangles touch.
 
@@ -111,23 +114,34 @@ def touched_cells(triangles, depth, cells):
     cells : (n, 3) array of int32
         Filled with x, y, z, triangle by triangle, as far as there is room; cells that several
         triangles touch come several times.
+    limit : int
+        Nothing is counted any more when there are more than so many, whether or not there was
+        room.
 
     Returns
     -------
     counts : (m,) array of int64
-        Cells of each triangle, whether or not there was room.
+        Cells of each triangle; of the one that goes beyond `limit` not all, behind it 0.
 
     Notes
     -----
     Cells are closed, so that a triangle in the face between two touches both. From the root down:
     only children of touched cells are tested, by separating axes [AkenineMoller2001]_.
     """
-    counts = np.empty(len(triangles), np.int64)
+    counts = np.zeros(len(triangles), np.int64)
     at = 0
     for m in range(len(triangles)):
-        counts[m] = _descend(triangles[m], depth, cells, at)
+        counts[m] = _descend(triangles[m], depth, cells, at, limit - at)
         at += counts[m]
+        if at > limit:
+            break
     return counts
+
+
+@kernel
+def _steps(length, spacing):
+    """Return the steps of at most `spacing`; of a crafted one no more than an integer holds."""
+    return np.int64(np.ceil(min(length / spacing, 1e15)))
 
 
 @kernel
@@ -155,11 +169,11 @@ def _rows(corners, spacing):
             along += side * (corners[c, a] - corners[b, a]) / base
             square += side * side
         height = np.sqrt(max(0.0, square - along * along))
-    return apex, base, np.int64(np.ceil(height / spacing))
+    return apex, base, _steps(height, spacing)
 
 
 @kernel
-def count_samples(triangles, spacing):
+def count_samples(triangles, spacing, limit):
     """
     How many points `sample` puts on each triangle.
 
@@ -169,6 +183,8 @@ def count_samples(triangles, spacing):
         Corners.
     spacing : float
         Largest distance of neighbours in a row and of rows; greater than zero.
+    limit : int
+        No more points of a triangle are counted when there are more than so many.
 
     Returns
     -------
@@ -180,7 +196,9 @@ def count_samples(triangles, spacing):
         total = np.int64(0)
         for r in range(n_rows + 1):
             length = base * (1.0 - r / n_rows) if n_rows else base
-            total += np.int64(np.ceil(length / spacing)) + 1
+            total += _steps(length, spacing) + 1
+            if total > limit:
+                break
         counts[m] = total
     return counts
 
@@ -212,11 +230,7 @@ def sample(triangles, spacing, n_points):
         b, c = (apex + 1) % 3, (apex + 2) % 3
         for r in range(n_rows + 1):
             up = r / n_rows if n_rows else 0.0
-            n_steps = (
-                np.int64(np.ceil(base * (1.0 - up) / spacing))
-                if n_rows
-                else np.int64(np.ceil(base / spacing))
-            )
+            n_steps = _steps(base * (1.0 - up), spacing)
             for s in range(n_steps + 1):
                 along = s / n_steps if n_steps else 0.0
                 for a in range(3):

@@ -78,41 +78,6 @@ def child_cells(words, blocks, n_cells):
 
 
 @kernel
-def descend(words, ranks, cells, shift, here):
-    """
-    Follow cells one level down.
-
-    Parameters
-    ----------
-    words : (n,) array of uint64
-        Occupancy words of the level.
-    ranks : (n,) array of int64
-        Set bits before each of them.
-    cells : (m, 3) array of int64
-        x, y, z at the level that is searched for.
-    shift : int
-        Two bits for each level between this one and that one.
-    here : (m,) array of int64
-        In: the word of each cell, -1 when lost. Out: the rank of its bit, -1 when not set.
-    """
-    for i in range(here.size):
-        block = here[i]
-        if block < 0:
-            continue
-        bit = (
-            ((cells[i, 0] >> shift) & 3)
-            | (((cells[i, 1] >> shift) & 3) << 2)
-            | (((cells[i, 2] >> shift) & 3) << 4)
-        )
-        word = words[block]
-        flag = _ONE << np.uint64(bit)
-        if word & flag:
-            here[i] = ranks[block] + popcount(word & (flag - _ONE))
-        else:
-            here[i] = -1
-
-
-@kernel
 def mean_words(words, starts):
     """
     Mean metadata word of each group of cells.

@@ -15,8 +15,7 @@ from volatool.papers.emap_summary import summarize
 from volatool.papers.emap_timing import loop_times
 from volatool.papers.figures import MISSING as MISSING_FIGURES
 from volatool.papers.figures import is_available as figures_available
-from volatool.papers.result import NUMBERS, REPORT, Reproduction
-from volatool.report import dumps
+from volatool.papers.result import NUMBERS, REPORT, Reproduction, write_report
 
 
 def reproduce(
@@ -80,8 +79,7 @@ def reproduce(
     markdown = to_markdown(document, figures)
     with OutputSet(overwrite) as outputs:
         try:
-            outputs.add(outdir / REPORT).write_text(markdown, encoding="utf-8")
-            outputs.add(outdir / NUMBERS).write_text(dumps(document, 2) + "\n", encoding="utf-8")
+            write_report(outputs, outdir, document, markdown)
             if figures:
                 names = emap_figures.NAMES
                 emap_figures.error_map(driven, outputs.add(outdir / names["figure-4"]))

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from volatool.outputs import OutputSet
+from volatool.report import dumps
+
 REPORT, NUMBERS = "report.md", "report.json"
 
 
@@ -27,3 +30,9 @@ class Reproduction:
     document: dict[str, Any]
     markdown: str
     paths: tuple[Path, ...] = ()
+
+
+def write_report(outputs: OutputSet, outdir: Path, document: dict[str, Any], markdown: str) -> None:
+    """Add `REPORT` and `NUMBERS` to the outputs; raises OSError."""
+    outputs.add(outdir / REPORT).write_text(markdown, encoding="utf-8")
+    outputs.add(outdir / NUMBERS).write_text(dumps(document, 2) + "\n", encoding="utf-8")

@@ -12,14 +12,13 @@ from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing, write_error
 from volatool.papers import vola_figures
 from volatool.papers.figures import MISSING, is_available
-from volatool.papers.result import NUMBERS, REPORT, Reproduction
+from volatool.papers.result import NUMBERS, REPORT, Reproduction, write_report
 from volatool.papers.vola_contiguity import SAMPLES
 from volatool.papers.vola_lookups import POINTS
 from volatool.papers.vola_report import to_markdown
 from volatool.papers.vola_summary import summarize
 from volatool.papers.vola_tile_tables import read_tiles
 from volatool.papers.vola_tiles import Tile
-from volatool.report import dumps
 
 MOST_POINTS = 20_000_000
 """Points of the made-up surface, at most: 64 bytes each while it is made."""
@@ -101,8 +100,7 @@ def reproduce(
         try:
             figures = _draw(document, tiles, paths, outputs, outdir) if with_figures else []
             markdown = to_markdown(document, figures)
-            outputs.add(outdir / REPORT).write_text(markdown, encoding="utf-8")
-            outputs.add(outdir / NUMBERS).write_text(dumps(document, 2) + "\n", encoding="utf-8")
+            write_report(outputs, outdir, document, markdown)
         except OSError as error:
             raise write_error(outdir, error) from error
         written = outputs.commit([outdir / name for name in planned])

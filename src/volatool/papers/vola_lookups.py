@@ -15,6 +15,7 @@ from volatool.papers import emap_octomap
 from volatool.papers.vola_scene import DEEPEST, SIDE, surface
 from volatool.vola.strips import level_strips
 from volatool.vola.volume import Volume
+from volatool.vola.words import ranks_of
 
 POINTS = 500_000
 """Points of the surface."""
@@ -242,7 +243,7 @@ def _ns(work: Callable[[], object], n: int, runs: int) -> float:
 
 def descent(volume: Volume, cells: I64) -> Callable[[], I64]:
     """
-    Return a function that looks cells up as `Volume.find` does, without its checks.
+    Return a function that looks cells up level by level with ranks, without checks.
 
     Parameters
     ----------
@@ -251,15 +252,15 @@ def descent(volume: Volume, cells: I64) -> Callable[[], I64]:
     cells : (m, 3) array of int64
         Inside the grid.
     """
-    from volatool.kernels import words
+    from volatool.kernels import lookup
 
-    volume.find(cells[:1])  # makes the ranks
+    ranks = [ranks_of(words) for words in volume.levels]
     here = np.empty(len(cells), np.int64)
 
     def work() -> I64:
         here[:] = 0
-        for i, (level, ranks) in enumerate(zip(volume.levels, volume._ranks, strict=True)):
-            words.descend(level, ranks, cells, 2 * (volume.depth - 1 - i), here)
+        for i, (level, rank) in enumerate(zip(volume.levels, ranks, strict=True)):
+            lookup.descend(level, rank, cells, 2 * (volume.depth - 1 - i), here)
         return here
 
     return work

@@ -16,8 +16,9 @@ from pyproj.exceptions import ProjError
 
 from volatool.errors import CodedWarning
 from volatool.model import CrsInfo
-from volatool.points.crs import CrsLike, crs_from_user, describe, latlon, split, unbound
+from volatool.points.crs import CrsLike, crs_from_user, describe, split, unbound
 from volatool.points.crs_keys import compound, crs_from_keys, unit_of_key
+from volatool.points.crs_places import latlon
 from volatool.points.geokeys import LINEAR_UNITS, VERTICAL_UNITS, Value, read_geokeys
 from volatool.points.header import LasHeader
 

@@ -17,8 +17,9 @@ from pyproj.exceptions import ProjError
 from volatool.cube import Cube
 from volatool.errors import CodedWarning, CRSError, FormatError
 from volatool.model import F64, I32, Bounds, CrsInfo, PointChunk
-from volatool.points.crs import crs_from_user, describe, split, utm_for
+from volatool.points.crs import crs_from_user, describe, split
 from volatool.points.crs_keys import compound
+from volatool.points.crs_places import utm_for
 from volatool.points.header import LasHeader
 from volatool.points.reader import CHUNK_POINTS
 from volatool.points.source import Source

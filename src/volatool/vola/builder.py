@@ -103,6 +103,7 @@ class VolaBuilder:
         )
         self._sums = MetadataSums(self.channels, keep_depth or max_depth, self._scratch, _SHARE)
         self._built: Built | None = None
+        self._is_closed = False
 
     def __enter__(self) -> VolaBuilder:
         return self
@@ -132,8 +133,14 @@ class VolaBuilder:
         Raises
         ------
         OptionError
-            An attribute that a channel needs is missing.
+            An attribute that a channel needs is missing, the volume is built already, or this is no
+            chunk.
         """
+        if not isinstance(chunk, PointChunk):
+            raise OptionError(
+                f"a builder takes the chunks of vt.stream, not {type(chunk).__name__}; an array "
+                "can be saved as .npy and read by vt.import_points"
+            )
         if self._built is not None:
             raise OptionError("the volume is built already; make a new VolaBuilder")
         self._sums.check(chunk)
@@ -251,9 +258,18 @@ class VolaBuilder:
         Returns
         -------
         volume : Volume
+
+        Raises
+        ------
+        OptionError
+            The builder is closed, as it is after a call of this, or there is no such depth.
         """
         from volatool.occupancy.depth import choose_depth
 
+        if self._is_closed:
+            raise OptionError("the builder is closed; make a new VolaBuilder")
+        if depth != "auto" and (isinstance(depth, str) or not 1 <= depth <= self.max_depth):
+            raise OptionError(f"depth must be 'auto' or 1 to {self.max_depth}, got {depth!r}")
         built = self.build()
         try:
             if depth == "auto":
@@ -267,6 +283,7 @@ class VolaBuilder:
 
     def close(self) -> None:
         """Drop all working data; volumes that were made stay."""
+        self._is_closed = True
         self._keys.close()
         self._sums.close()
         if self._built is not None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from volatool.errors import OptionError
 from volatool.model import F64, I64, U64, Bounds
+from volatool.vola.algebra import voxel_size
 from volatool.vola.frame import Frame
 from volatool.vola.regions import Selection, checked_box, select
 
@@ -187,7 +188,7 @@ def census(
     return Census(
         voxels=n_voxels,
         blocks=len(chosen.words),
-        volume=n_voxels * volume.cell() ** 3,
+        volume=n_voxels * float(voxel_size(volume)),
         unit=volume.crs.unit_xy,
         low=low,
         high=high,

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from volatool.errors import OptionError
 from volatool.model import F64
+from volatool.vola.rows import rows_of
 from volatool.vola.tree import Tree, lattice_of, tree_of
 from volatool.vola.volume import Volume
 
@@ -54,7 +55,7 @@ def clearance(volume: Volume, xyz: ArrayLike, level: int | None = None, *, to: s
     level = volume.depth if level is None else level
     n_cells = volume.n_cells(level)
     lattice = lattice_of(volume, level)
-    points = lattice.from_crs(_rows_of_three(xyz))
+    points = lattice.from_crs(rows_of(xyz))
     if not lattice.step:  # all cells are one place
         distances: F64 = np.sqrt((points**2).sum(axis=1))
         distances[np.isinf(distances)] = np.nan
@@ -87,12 +88,3 @@ def segment_clearance(tree: Tree, starts: F64, ends: F64) -> F64:
     nearest.segment_clearances(tree.words, tree.first, tree.depth, starts, ends, squares)
     distances: F64 = np.sqrt(squares)
     return distances
-
-
-def _rows_of_three(xyz: ArrayLike) -> F64:
-    points = np.asarray(xyz, np.float64)
-    if points.ndim == 1 and points.size == 3:
-        points = points[None]
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise OptionError(f"points are an (n, 3) array, not one of shape {points.shape}")
-    return points

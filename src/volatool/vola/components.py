@@ -48,7 +48,7 @@ class Components:
     boxes: I32
     lattice: Lattice
     _words: U64
-    _starts: I64
+    _starts: I32
     _masks: U64
     _numbers: I32
 
@@ -155,34 +155,35 @@ def components(volume: Volume, connectivity: int = 26, level: int | None = None)
     volume.n_cells(level)  # refuses a level that is not there
     is_26 = connectivity == 26
     words = volume.levels[level - 1]
-    starts, masks = flood.split(words, is_26)
-    if len(masks) > np.iinfo(np.int32).max:
+    starts, masks = flood.split(words, is_26, volume.n_cells(level))
+    n_parts = len(masks) - 2
+    if n_parts > np.iinfo(np.int32).max:
         raise ResourceError(
-            f"level {level} has {len(masks)} parts of blocks, more than 2**31: "
+            f"level {level} has {n_parts} parts of blocks, more than 2**31: "
             "ask for a coarser level",
             "E_SIZE",
         )
-    numbers = np.arange(len(masks), dtype=np.int32)
+    numbers = np.arange(n_parts, dtype=np.int32)
     if level > 1:
         upper = np.concatenate(volume.levels[: level - 1])
         flood.unite_blocks(
             upper, first_children(upper), level - 1, words, starts, masks, is_26, numbers
         )
-    n = flood.number(numbers)
-    sizes, boxes = np.zeros(n, np.int64), np.empty((n, 6), np.int32)
+    sizes = flood.number(numbers, masks)
+    large = np.flatnonzero(sizes >= flood.SMALL)
+    large = large[np.argsort(-sizes[large], kind="stable")]
+    ranks, sizes = flood.rank(sizes, large)
+    boxes = np.empty((len(sizes), 6), np.int32)
     blocks = volume.voxels(level - 1) if level > 1 else np.zeros((1, 3), np.int32)
-    flood.measure(starts, masks, numbers, blocks, sizes, boxes)
-    order = np.argsort(-sizes, kind="stable")
-    rank = np.empty(n, np.int32)
-    rank[order] = np.arange(n, dtype=np.int32)
+    flood.measure(starts, masks, numbers, ranks, blocks, boxes)
     return Components(
         level,
         connectivity,
-        sizes[order],
-        boxes[order],
+        sizes,
+        boxes,
         lattice_of(volume, level),
         words,
         starts,
         masks,
-        rank[numbers],
+        numbers,
     )

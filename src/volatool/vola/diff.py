@@ -12,6 +12,7 @@ from volatool.model import F64, I32, I64, U64, Bool
 from volatool.vola.algebra import Pairing, aligned, pairings, voxel_edge
 from volatool.vola.grid import is_rounded, same_grid
 from volatool.vola.volume import Volume
+from volatool.vola.words import ranks_of
 
 MAX_NOISE = 4
 """Most voxels of noise: no farther than the neighbouring block."""
@@ -192,6 +193,9 @@ def diff(
     OptionError
         An option out of its range.
     """
+    for volume in (a, b):
+        if not isinstance(volume, Volume):
+            raise OptionError(f"diff compares volumes (vt.open), got {type(volume).__name__}")
     _check(noise, min_voxels, by)
     is_resampled = not same_grid(a, b)
     a, b = aligned(a, b, resample=resample)
@@ -200,11 +204,8 @@ def diff(
         raise OptionError(f"--level must be 1 to {a.depth}, the levels to compare, got {level}")
     from volatool.kernels import algebra as kernels
 
-    steps = list(pairings(a, b, "or"))
-    last = steps[-1]
-    pair = (a.levels[-1], b.levels[-1], last.blocks_a, last.blocks_b)
-    added = kernels.pair_words(pair[1], pair[0], pair[3], pair[2], 3)
-    removed = kernels.pair_words(*pair, 3)
+    steps = list(pairings(a, b, "xor"))
+    removed, added = kernels.part_words(steps[-1].words, a.levels[-1], steps[-1].blocks_a)
     n_added, n_removed = _count(added), _count(removed)
     far_added = _far(added, a, steps, noise, "a")
     far_removed = _far(removed, b, steps, noise, "b")
@@ -255,14 +256,8 @@ def _far(bits: U64, other: Volume, steps: list[Pairing], noise: int, which: str)
                 kernels.far_bits(bits, cells, neighbours, words, ranks, other.levels[level], noise)
             )
         neighbours = kernels.neighbour_children(cells, neighbours, words, ranks, _count(cells))
-        cells, words, ranks = step.words, other.levels[level], _ranks(other.levels[level])
+        cells, words, ranks = step.words, other.levels[level], ranks_of(other.levels[level])
     raise AssertionError("a volume has at least one level")
-
-
-def _ranks(words: U64) -> I64:
-    ranks = np.zeros(len(words), np.int64)
-    np.cumsum(np.bitwise_count(words[:-1]), out=ranks[1:])
-    return ranks
 
 
 def _block_cells(steps: list[Pairing]) -> I32:
@@ -275,6 +270,16 @@ def _block_cells(steps: list[Pairing]) -> I32:
     return cells
 
 
+def _block_layers(steps: list[Pairing]) -> I32:
+    """Layer of each block of the last level, in blocks."""
+    from volatool.kernels.places import child_layers
+
+    layers = np.zeros(1, np.int32)
+    for step in steps[:-1]:
+        layers = child_layers(step.words, layers, _count(step.words))
+    return layers
+
+
 def _changes(
     steps: list[Pairing], found: list[U64], level: int, by: By, min_voxels: int
 ) -> Changes:
@@ -282,13 +287,12 @@ def _changes(
     from volatool.kernels.places import sum_places
 
     places, blocks = _places(steps, level, by)
-    sums = sum_places(places, _block_cells(steps), *found, len(blocks))
-    held = sums[:, 5] >= 0
-    added, removed, far_added, far_removed, first, last = sums[held].T
+    held, sums = sum_places(places, _block_layers(steps), *found, len(blocks))
+    added, removed, far_added, far_removed, first, last = sums
     return Changes(
         level=level,
         by=by,
-        blocks=blocks[held],
+        blocks=blocks[held] if len(held) < len(blocks) else blocks,
         added=added,
         removed=removed,
         significant_added=far_added,
@@ -299,40 +303,38 @@ def _changes(
     )
 
 
-def _places(steps: list[Pairing], level: int, by: By) -> tuple[I64, I32]:
+def _places(steps: list[Pairing], level: int, by: By) -> tuple[I32, I32]:
     """Place of each block of the last level, and x, y, z of the places."""
-    cells = _block_cells(steps[:level])
     if by == "block":
-        places, blocks = np.arange(len(cells), dtype=np.int64), cells
+        blocks = _block_cells(steps[:level])
+        places = np.arange(len(blocks), dtype=np.int32)
     else:
-        places, n_columns = _columns(steps[:level])
-        blocks = np.zeros((n_columns, 3), np.int32)
-        blocks[places, :2] = cells[:, :2]
+        places, blocks = _columns(steps[:level])
     for step in steps[level - 1 : -1]:
         places = np.repeat(places, np.bitwise_count(step.words))
     return places, blocks
 
 
-def _columns(steps: list[Pairing]) -> tuple[I64, int]:
-    """Column of each block of the last level, and how many columns there are."""
+def _columns(steps: list[Pairing]) -> tuple[I32, I32]:
+    """Column of each block of the last level, and x, y, 0 of the columns."""
     from volatool.kernels.places import column_children, project_columns
+    from volatool.kernels.words import child_cells
 
-    columns, n_columns = np.zeros(1, np.int64), 1
+    columns, places = np.zeros(1, np.int32), np.zeros((1, 3), np.int32)
     for step in steps[:-1]:
-        flat = project_columns(step.words, columns, n_columns)
-        n_cells = _count(step.words)
-        columns = column_children(step.words, columns, flat, _ranks(flat), n_cells)
-        n_columns = _count(flat)
-    return columns, n_columns
+        flat = project_columns(step.words, columns, len(places))
+        columns = column_children(step.words, columns, flat, ranks_of(flat), _count(step.words))
+        places = child_cells(flat, places, _count(flat))
+    return columns, places
 
 
 def _surface_change(a: Volume, b: Volume, steps: list[Pairing], noise: int) -> SurfaceChange:
     from volatool.kernels.algebra import pair_words
     from volatool.kernels.places import compare_tops, top_layers
 
-    cells, last = _block_cells(steps), steps[-1]
-    columns, n_columns = _columns(steps)
+    layers, last = _block_layers(steps), steps[-1]
+    columns, places = _columns(steps)
     pair = (a.levels[-1], b.levels[-1], last.blocks_a, last.blocks_b)
     words = pair_words(*pair, 4), pair_words(pair[1], pair[0], pair[3], pair[2], 4)
-    tops = (top_layers(columns, cells, one, n_columns) for one in words)
+    tops = (top_layers(columns, layers, one, len(places)) for one in words)
     return SurfaceChange(*compare_tops(*tops, noise).tolist())

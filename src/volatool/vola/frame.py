@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from volatool.model import F64, I64
+from volatool.errors import OptionError
+from volatool.model import F64, I64, Bounds, as_fraction
 
 if TYPE_CHECKING:
     from volatool.vola.volume import Volume
@@ -134,3 +138,86 @@ class Frame:
             last = np.floor(high_place)
         first, last = np.clip(first, 0, self.size), np.clip(last, -1, self.size - 1)
         return first.astype(np.int64), last.astype(np.int64)
+
+
+def cells_meeting(
+    volume: Volume,
+    bounds: Bounds | Sequence[float] | None = None,
+    z: tuple[float, float] | None = None,
+) -> tuple[I64, I64]:
+    """
+    Return the cells that meet a closed box, worked out on exact rationals.
+
+    Parameters
+    ----------
+    volume : Volume
+        Whose deepest level is meant.
+    bounds : Bounds or four float, optional
+        Rectangle, in units of the CRS; may be infinite.
+    z : tuple of 2 float, optional
+        Lowest and highest, in the vertical unit; may be infinite.
+
+    Returns
+    -------
+    first, last : (3,) arrays of int64
+        Both inclusive, within the grid; ``first > last`` on an axis where there are none. Cells as
+        `volatool.vola.algebra.crop` has them. `Frame.range_of` differs at the faces of cells: it
+        forgives the rounding errors of coordinates, as look-ups of points do.
+
+    Raises
+    ------
+    OptionError
+        The bounds are no rectangle; the lowest z is above the highest, or one is not a number.
+    """
+    box = _rectangle(bounds)
+    heights = (-math.inf, math.inf) if z is None else z
+    if not heights[0] <= heights[1]:
+        raise OptionError(f"z must be lowest, highest; got {heights[0]:g}, {heights[1]:g}")
+    sides = ((box.left, box.right), (box.bottom, box.top), heights)
+    ranges = [_exact_range(volume, axis, *ends) for axis, ends in enumerate(sides)]
+    first, last = np.array(ranges, np.int64).T.copy()
+    return first, last
+
+
+def _rectangle(bounds: Bounds | Sequence[float] | None) -> Bounds:
+    """Return a rectangle that may be given as four numbers; None is the whole plane."""
+    if isinstance(bounds, Bounds):
+        return bounds
+    infinite = (-math.inf, -math.inf, math.inf, math.inf)
+    given = [float(number) for number in (infinite if bounds is None else bounds)]
+    if len(given) != 4:
+        raise OptionError(f"bounds are four numbers, left, bottom, right, top; got {len(given)}")
+    try:
+        return Bounds(*given)
+    except ValueError as error:
+        raise OptionError(str(error)) from error
+
+
+def _exact_range(volume: Volume, axis: int, low: float, high: float) -> tuple[int, int]:
+    """First and last cell of an axis that meet a closed interval; first > last if none does."""
+    size = 4**volume.depth
+    side = volume.cube.exact[3]
+    ratio = volume.crs.z_ratio if axis == 2 else Fraction(1)
+
+    def place(value: float) -> Fraction | None:
+        """Place in the cube from 0 to 1; None if infinite."""
+        if math.isinf(value):
+            return None
+        away = as_fraction(value) * ratio - volume.cube.exact[axis]
+        return away / side if side else away
+
+    start, stop = place(low), place(high)
+    if (start is not None and start > (1 if side else 0)) or (stop is not None and stop < 0):
+        return 0, -1
+    if low == math.inf or high == -math.inf:
+        return 0, -1
+    if volume.info.quantizer == "floor":
+        first = 0 if start is None else math.floor(start * size)
+        last = size - 1 if stop is None else math.floor(stop * size)
+    else:
+        steps, half = size - 1, Fraction(1, 2)
+        first = 0 if start is None else math.ceil(start * steps - half)
+        last = size - 1 if stop is None else math.floor(stop * steps + half)
+    if not side:  # one place, cell 0
+        return 0, 0
+    return max(min(first, size - 1), 0), min(last, size - 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -16,17 +15,15 @@ from volatool.cube import MAX_DEPTH
 from volatool.errors import OptionError, ResourceError
 from volatool.model import F64, I64
 from volatool.vola.clearance import segment_clearance
+from volatool.vola.passable import ROUNDING, End, PathEndError, Place, Space
 from volatool.vola.straighten import clear_of_segments, length_of, straightened
-from volatool.vola.tree import Lattice, Tree, lattice_of, tree_of
+from volatool.vola.tree import lattice_of, tree_of
 from volatool.vola.volume import Volume
 
 __all__ = ["MAX_CELLS", "Path", "PathEndError", "find_path"]
 
 MAX_CELLS = 1 << 21
 """Cells that a search may look at by default; some 110 bytes each, taken as they are needed."""
-
-ROUNDING = 1e-9
-"""A distance counts as kept when it is short by no more than this part of it."""
 
 _LEAST_ROOM = 1 << 14
 _COARSER = 2
@@ -38,14 +35,6 @@ _NEAR = 4
 
 _HASTE = 1.5
 """Weight of the distance ahead in the plan: 1 looks at hundreds of times as many cells."""
-
-_AROUND = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], np.int64)
-
-
-class PathEndError(OptionError):
-    """A path can't begin or end there: outside the cube, in a voxel, or too near to one."""
-
-    code = "E_PATH_END"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +161,7 @@ def find_path(
             f"paths end at level {MAX_DEPTH}, not {level}: give a coarser level", "E_SIZE"
         )
     lattice, tree = lattice_of(volume, level), tree_of(volume, level)
-    space = _Space(volume, level, lattice, tree, clearance, (low, high))
+    space = Space(volume, level, lattice, tree, clearance, (low, high))
     start, goal = space.end(a, "start"), space.end(b, "goal")
     search = _Search(space, start, goal, factor, smooth, max_cells)
     path = search.path()
@@ -181,111 +170,13 @@ def find_path(
     return path
 
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """An end in lattice coordinates, and the (1, 3) indices of its cell."""
-
-    place: F64
-    cell: I64
-
-
-@dataclass(frozen=True, slots=True)
-class _End:
-    """An end, the passable cells to whose centres a line from it may go, and how long it is."""
-
-    place: F64
-    cells: I64
-    lengths: F64
-
-    def __len__(self) -> int:
-        return len(self.cells)
-
-
-@dataclass(frozen=True, slots=True)
-class _Space:
-    """A level of a volume, and the distance to be kept in it, in cells."""
-
-    volume: Volume
-    level: int
-    lattice: Lattice
-    tree: Tree
-    clearance: float
-    heights: tuple[float, float]
-
-    @property
-    def least(self) -> float:
-        """Distance that the whole line keeps."""
-        if not self.lattice.step:
-            return 0.0
-        return self.clearance / self.lattice.step * (1 - ROUNDING)
-
-    @property
-    def usual(self) -> float:
-        """Distance that a passable cell's centre keeps: every free cell's has half a cell."""
-        return max(self.least, 0.5)
-
-    @property
-    def rule(self) -> F64:
-        """What passable cells keep: square of the distance, lowest and highest centre."""
-        low, high = self.lattice.from_crs([(0.0, 0.0, height) for height in self.heights])[:, 2]
-        return np.array([self.usual**2, low, high])
-
-    def end(self, point: ArrayLike, name: str) -> _Place:
-        """Return an end in lattice coordinates and its cell, if a path may have it."""
-        xyz = np.asarray(point, np.float64)
-        if xyz.shape != (3,):
-            raise OptionError(f"the {name} is three numbers, not of shape {xyz.shape}")
-        cell = self.volume.cell_indices(xyz, self.level)
-        if cell[0, 0] < 0 or not self.lattice.step:
-            raise PathEndError(f"{name} outside: not in the volume's cube")
-        if not self.heights[0] <= xyz[2] <= self.heights[1]:
-            raise PathEndError(f"{name} outside: not between the heights")
-        if self.volume.contains_cells(cell, self.level)[0]:
-            raise PathEndError(f"{name} occupied: in a voxel")
-        # a point that rounding errs for belongs to the cell's side of the face
-        place: F64 = self.lattice.from_crs(xyz)
-        np.clip(place, cell, cell + 1, out=place)
-        distance = segment_clearance(self.tree, place, place)[0]
-        if distance < self.least:
-            raise PathEndError(
-                f"{name} too near: a voxel is {distance * self.lattice.step:g} away, less than "
-                f"{self.clearance:g}"
-            )
-        return _Place(place[0], cell)
-
-    def linked(self, end: _Place) -> _End:
-        """Return an end with the cells that it is linked to: its own if possible, else others."""
-        # not the cell of the coordinates: a place on a face has two
-        place, own = end.place, end.cell
-        linked = self._clear_links(place, own, 0.0)
-        if len(linked):
-            return linked
-        around = own + _AROUND
-        inside = ((around >= 0) & (around < self.lattice.size)).all(axis=1)
-        return self._clear_links(place, around[inside], ROUNDING)
-
-    def _clear_links(self, place: F64, cells: I64, more_than: float) -> _End:
-        from volatool.kernels.roam import all_keep_clear
-
-        tree = self.tree
-        centres: F64 = cells.astype(np.float64) + 0.5
-        square, low, high = self.rule
-        good = all_keep_clear(tree.words, tree.first, tree.depth, centres, square)
-        good &= (centres[:, 2] >= low) & (centres[:, 2] <= high)
-        centres = np.ascontiguousarray(centres[good])
-        from_here = np.broadcast_to(place, centres.shape).copy()
-        line_clear = segment_clearance(tree, from_here, centres) >= max(self.least, more_than)
-        lengths: F64 = np.sqrt(((centres - place) ** 2).sum(axis=1))
-        return _End(place, cells[good][line_clear], lengths[line_clear])
-
-
 @dataclass(slots=True)
 class _Search:
     """One search; lengths and places are in cells."""
 
-    space: _Space
-    start: _Place
-    goal: _Place
+    space: Space
+    start: Place
+    goal: Place
     factor: float
     smooth: bool
     max_cells: int
@@ -344,7 +235,7 @@ class _Search:
         rooms = [_LEAST_ROOM << 3 * k for k in range(20)]
         return [*(room for room in rooms if room < most), most]
 
-    def _plan(self, start: _End, goal: _End) -> tuple[F64, dict[int, int]] | None:
+    def _plan(self, start: End, goal: End) -> tuple[F64, dict[int, int]] | None:
         """
         Return a line over the largest passable cells and their number by level.
 
@@ -376,7 +267,7 @@ class _Search:
         )
 
     def _roam(
-        self, start: _End, goal: _End, finest: int, room: int
+        self, start: End, goal: End, finest: int, room: int
     ) -> tuple[int, tuple[F64, dict[int, int]] | None]:
         """Search once; return how it ended, and the line and its cells by level."""
         from volatool.kernels import roam
@@ -395,7 +286,7 @@ class _Search:
         counts = Counter(cells[:, 0].tolist())
         return status, (_without_repeats(line), {level: counts[level] for level in sorted(counts)})
 
-    def _shorter(self, start: _End, goal: _End, length: float) -> tuple[F64 | None, float]:
+    def _shorter(self, start: End, goal: End, length: float) -> tuple[F64 | None, float]:
         """Return a line within the factor if there may be one, and what no way is shorter than."""
         from volatool.kernels import gridpath, roam
 
@@ -416,7 +307,7 @@ class _Search:
         return None, proved
 
 
-def _least_length(start: _End, goal: _End) -> float:
+def _least_length(start: End, goal: End) -> float:
     """Return the length of the shortest way if nothing were in it."""
     steps = np.sort(np.abs(start.cells[:, None] - goal.cells[None]), axis=2)
     low, middle, high = steps[..., 0], steps[..., 1], steps[..., 2]
@@ -432,7 +323,7 @@ def _unpacked(keys: Any) -> I64:
     return cells
 
 
-def _line(cells: I64, entries: F64, goal: _End, depth: int) -> F64:
+def _line(cells: I64, entries: F64, goal: End, depth: int) -> F64:
     """Return the corners of a line: where each cell is entered and left, and the last goal."""
     spans = 4 ** (depth - cells[:, :1])
     low, high = cells[:, 1:] * spans, (cells[:, 1:] + 1) * spans

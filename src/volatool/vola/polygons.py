@@ -41,7 +41,8 @@ def read_polygons(source: str, crs: CrsInfo) -> Polygons:
     ----------
     source : str
         Path of a vector file (GeoJSON, GeoPackage, Shapefile, ...), or of a text file with one WKT
-        polygon a line, or WKT itself. WKT says no CRS: it is taken to be in the volume's.
+        polygon a line (what follows a ``#`` is passed over), or WKT itself. WKT says no CRS: it is
+        taken to be in the volume's.
     crs : CrsInfo
         Of the volume; a layer in another one is reprojected.
 
@@ -64,7 +65,13 @@ def read_polygons(source: str, crs: CrsInfo) -> Polygons:
     text = _wkt(source)
     warnings: list[CodedWarning] = []
     if text is not None:
-        shapes = [_from_wkt(line, source) for line in text.splitlines() if line.strip()]
+        lines = [line.split("#", 1)[0] for line in text.splitlines()]
+        one = len(lines) == 1
+        shapes = [
+            _from_wkt(line, _short(source) if one else f"{_short(source)}: line {number}")
+            for number, line in enumerate(lines, 1)
+            if line.strip()
+        ]
         fields: list[dict[str, Any]] = [{} for _ in shapes]
     else:
         found, columns = vectors.read_shapes(source, crs, warnings, option="--polygon")
@@ -85,7 +92,7 @@ def read_polygons(source: str, crs: CrsInfo) -> Polygons:
 
 def _wkt(source: str) -> str | None:
     """Return WKT that is given outright or is in a text file; None for other files."""
-    if source.lstrip().upper().startswith(_WKT_STARTS):
+    if _is_wkt(source):
         return source
     path = Path(source)
     try:
@@ -100,15 +107,15 @@ def _wkt(source: str) -> str | None:
         raise InputError(f"{_short(source)}: can't be read ({error})") from error
 
 
-def _from_wkt(line: str, source: str) -> Any:
+def _from_wkt(line: str, place: str) -> Any:
     import shapely
 
     try:
         shape = shapely.from_wkt(line)
     except shapely.errors.ShapelyError as error:
-        raise FormatError(f"{_short(source)}: is not WKT ({error})", "E_NOT_VECTOR") from error
+        raise FormatError(f"{place}: is not WKT ({error})", "E_NOT_VECTOR") from error
     if not all(map(_is_finite, shapely.get_coordinates(shape).ravel().tolist())):
-        raise FormatError(f"{_short(source)}: has coordinates that are not finite", "E_NOT_VECTOR")
+        raise FormatError(f"{place}: has coordinates that are not finite", "E_NOT_VECTOR")
     return shape if shapely.is_valid(shape) else shapely.make_valid(shape).buffer(0)
 
 
@@ -116,8 +123,13 @@ def _is_finite(value: float) -> bool:
     return abs(value) != float("inf") and value == value
 
 
+def _is_wkt(source: str) -> bool:
+    return source.lstrip().upper().startswith(_WKT_STARTS)
+
+
 def _short(source: str) -> str:
-    return source if len(source) <= 60 else f"{source[:57]}..."
+    """Return the beginning of long WKT, and the whole of a file's name."""
+    return f"{source[:57]}..." if _is_wkt(source) and len(source) > 60 else source
 
 
 def _plain(value: Any) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from volatool.model import Bool
+from volatool.vola.rows import rows_of
 
 if TYPE_CHECKING:
     from volatool.vola.volume import Volume
@@ -31,7 +32,7 @@ def contains(volume: Volume, xyz: ArrayLike) -> Bool:
     """
     from volatool.kernels import locate
 
-    points = np.ascontiguousarray(np.asarray(xyz, np.float64).reshape(-1, 3))
+    points = np.ascontiguousarray(rows_of(xyz))
     contained = np.empty(len(points), np.bool_)
     directory = volume.directory
     locate.contains(

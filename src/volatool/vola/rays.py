@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from volatool.errors import OptionError
 from volatool.model import F64, I64, Bool
 from volatool.vola.frame import Frame
+from volatool.vola.rows import rows_of
 
 if TYPE_CHECKING:
     from volatool.vola.volume import Volume
@@ -60,7 +61,7 @@ class Sights:
     Parameters
     ----------
     is_clear : (n,) array of bool
-        Nothing is between them. False also where a coordinate is not finite.
+        Nothing is between them. False also where a coordinate, or what is between, is not finite.
     blockers : Hits
         The first voxel in the way, seen from the first point.
     length : (n,) array of float64
@@ -150,21 +151,24 @@ def sight(volume: Volume, a: ArrayLike, b: ArrayLike, *, ignore_ends: bool = Fal
     with np.errstate(all="ignore"):
         between = frame.places(ends) - frame.places(starts)
         away = (ends - starts) * [1.0, 1.0, frame.z_ratio]
-        length: F64 = np.linalg.norm(away, axis=1)
-    scaled, exponent = _scaled(between)
+        # not the root of the sum of squares, which overflow
+        length: F64 = np.hypot(np.hypot(away[:, 0], away[:, 1]), away[:, 2])
+        scaled, exponent = _scaled(between)
+        limits = np.ldexp(1.0, exponent)
     skips = np.full((len(starts), 2, 3), -1, np.int64)
     if ignore_ends:
         skips[:, 0] = volume.cell_indices(starts)
         skips[:, 1] = volume.cell_indices(ends)
-    hits = _cast(volume, frame, starts, scaled, np.ldexp(1.0, exponent), skips)
-    return Sights(np.isfinite(length) & ~hits.is_hit, hits, length)
+    hits = _cast(volume, frame, starts, scaled, limits, skips)
+    is_known = np.isfinite(length) & np.isfinite(between).all(axis=1)
+    return Sights(is_known & ~hits.is_hit, hits, length)
 
 
 def _pairs(a: ArrayLike, b: ArrayLike) -> tuple[F64, F64]:
     """Return two (n, 3) arrays."""
     try:
         left, right = np.broadcast_arrays(np.asarray(a, np.float64), np.asarray(b, np.float64))
-        return left.reshape(-1, 3), right.reshape(-1, 3)
+        return rows_of(left), rows_of(right)
     except ValueError as error:
         raise OptionError(f"expected rows of x, y, z, as many or one: {error}") from error
 

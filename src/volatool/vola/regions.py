@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from volatool.errors import OptionError
 from volatool.model import F64, I64, U64, Bool
 from volatool.vola.frame import Frame
+from volatool.vola.rows import rows_of
 
 if TYPE_CHECKING:
     from volatool.vola.volume import Volume
@@ -176,7 +177,7 @@ def columns(volume: Volume, xy: ArrayLike) -> list[Column]:
     """
     from volatool.kernels import regions
 
-    places = np.asarray(xy, np.float64).reshape(-1, 2)
+    places = rows_of(xy, 2, what="places")
     frame = Frame.of(volume)
     level_of_floor = np.full((len(places), 1), frame.corner[2] / frame.z_ratio)
     cells = np.ascontiguousarray(volume.cell_indices(np.hstack([places, level_of_floor]))[:, :2])

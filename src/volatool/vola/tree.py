@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from volatool.model import F64, I64, U64
 from volatool.vola.volume import Volume
+from volatool.vola.words import ranks_of
 
 __all__ = ["Lattice", "Tree", "lattice_of", "tree_of"]
 
@@ -82,11 +83,8 @@ _TREES: WeakKeyDictionary[Volume, dict[int, Tree]] = WeakKeyDictionary()
 
 def first_children(words: U64) -> I64:
     """Return the place of each node's first child: one after the bits set before it."""
-    first = np.empty(len(words), np.int64)
-    if len(words):
-        first[0] = 1
-        np.cumsum(np.bitwise_count(words[:-1]), out=first[1:], dtype=np.int64)
-        first[1:] += 1
+    first = ranks_of(words)
+    first += 1
     return first
 
 

@@ -18,6 +18,7 @@ from volatool.cube import MAX_DEPTH, Cube
 from volatool.errors import FormatError, OptionError, ResourceError
 from volatool.model import F64, I32, I64, U64, Bool, Bounds, CrsInfo, LevelCounts
 from volatool.vola.info import VolumeInfo
+from volatool.vola.rows import rows_of
 from volatool.vola.words import count_level, frozen, popcount
 
 if TYPE_CHECKING:
@@ -184,7 +185,7 @@ class Volume:
 
     def window(
         self,
-        bounds: Bounds | None = None,
+        bounds: Bounds | Sequence[float] | None = None,
         level: int | None = None,
         *,
         z: tuple[float, float] | None = None,
@@ -194,7 +195,7 @@ class Volume:
 
         Parameters
         ----------
-        bounds : Bounds, optional
+        bounds : Bounds or four float, optional
             Closed rectangle, in units of the CRS; the whole cube by default.
         level : int, optional
             1 to `depth`; the deepest by default.
@@ -284,7 +285,7 @@ class Volume:
         counts as on it, and so belongs to the cell above.
         """
         level = self._level(level)
-        points = np.asarray(xyz, np.float64).reshape(-1, 3)
+        points = rows_of(xyz)
         cells = np.empty(points.shape, np.int64)
         for start in range(0, len(points), _SLAB):  # temporary arrays stay in the cache
             piece = slice(start, start + _SLAB)
@@ -380,7 +381,7 @@ class Volume:
             Row of the cell in `voxels` (and of its block in the next level), -1 if it is not set.
         """
         level = self._level(level)
-        indices: I64 = np.ascontiguousarray(np.asarray(cells, np.int64).reshape(-1, 3))
+        indices: I64 = np.ascontiguousarray(rows_of(cells, 3, np.int64, what="cells"))
         return self.directory.find(indices, level)
 
     def ray(
@@ -451,16 +452,6 @@ class Volume:
         from volatool.vola.directory import Directory
 
         return Directory.of(self.levels)
-
-    @cached_property
-    def _ranks(self) -> tuple[I64, ...]:
-        """Rank directory: set bits before each word of each level."""
-        ranks = []
-        for words in self.levels:
-            rank = np.zeros(len(words), np.int64)
-            np.cumsum(np.bitwise_count(words[:-1]), out=rank[1:])
-            ranks.append(rank)
-        return tuple(ranks)
 
     def metadata_words(self, level: int | None = None) -> U64:
         """
@@ -644,6 +635,27 @@ class Volume:
     def __sub__(self, other: Volume) -> Volume:
         """Return the voxels that the other does not have."""
         return self._combined(other, "sub")
+
+    def crop(
+        self,
+        bounds: Bounds | Sequence[float] | None = None,
+        *,
+        z: tuple[float, float] | None = None,
+    ) -> Volume:
+        """Return the part in a box, on the same grid: `volatool.vola.algebra.crop`."""
+        from volatool.vola.algebra import crop
+
+        return crop(self, bounds, z=z)
+
+    def downsample(self, depth: int | None = None) -> Volume:
+        """Return the volume of fewer levels, one less by default: exact, as `truncated`."""
+        return self.truncated(self.depth - 1 if depth is None else depth)
+
+    def regrid(self, cube: Cube, depth: int) -> Volume:
+        """Return the volume on another grid: `volatool.vola.regrid.regrid`."""
+        from volatool.vola.regrid import regrid
+
+        return regrid(self, cube, depth)
 
     def _combined(self, other: Volume, op: str) -> Volume:
         if not isinstance(other, Volume):

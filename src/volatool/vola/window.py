@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from volatool.cube import Cube
 from volatool.errors import OptionError, ResourceError
-from volatool.model import I32, Bool, Bounds
+from volatool.model import I32, I64, Bool, Bounds
 from volatool.units import format_size
-from volatool.vola.algebra import _cells_between
+from volatool.vola.frame import cells_meeting
+from volatool.vola.regions import select
 from volatool.vola.volume import Volume
 
 WINDOW_LIMIT_BYTES = 1 << 30
@@ -122,7 +123,7 @@ class Window:
 
 def window_of(
     volume: Volume,
-    bounds: Bounds | None = None,
+    bounds: Bounds | Sequence[float] | None = None,
     level: int | None = None,
     *,
     z: tuple[float, float] | None = None,
@@ -134,7 +135,7 @@ def window_of(
     ----------
     volume : Volume
         The volume.
-    bounds : Bounds, optional
+    bounds : Bounds or four float, optional
         Closed rectangle, in units of the CRS; the whole cube by default.
     level : int, optional
         1 to the depth; the deepest by default.
@@ -150,21 +151,18 @@ def window_of(
     Raises
     ------
     OptionError
-        The box lies outside the cube, or there is no such level.
+        The box lies outside the cube, or is none; or there is no such level.
     """
     level = volume.depth if level is None else level
     volume.n_cells(level)  # refuses one that is not there
     placed = half_open(volume)
-    box = Bounds(-math.inf, -math.inf, math.inf, math.inf) if bounds is None else bounds
-    heights = (-math.inf, math.inf) if z is None else z
-    sides = ((box.left, box.right), (box.bottom, box.top), heights)
-    ranges = [_cells_between(placed, axis, *ends) for axis, ends in enumerate(sides)]
-    if any(low > high for low, high in ranges):
+    first, last = cells_meeting(placed, bounds, z)
+    if (first > last).any():
         raise OptionError(
             f"the window lies outside the cube: x, y, z from {volume.cube.origin}, "
             f"side {volume.cube.side:g}"
         )
-    first, last = np.array(ranges, np.int32).T >> 2 * (volume.depth - level)
+    first, last = (cells >> 2 * (volume.depth - level) for cells in (first, last))
     x, y, z_first = map(int, first)
     nx, ny, nz = map(int, last - first + 1)
     *corner, side = placed.cube.exact
@@ -175,11 +173,11 @@ def window_of(
         (nx, ny, nz),
         (float(origin[0]), float(origin[1]), float(origin[2] / volume.crs.z_ratio)),
         placed.cube.cell(level),
-        cells_inside(volume, first, last, level) - first,
+        cells_inside(volume.truncated(level), first, last) - first.astype(np.int32),
     )
 
 
-def cells_inside(volume: Volume, first: I32, last: I32, level: int | None = None) -> I32:
+def cells_inside(volume: Volume, first: I64, last: I64) -> I32:
     """
     Return the cells set in a box of cells, visiting only blocks that meet it.
 
@@ -187,10 +185,8 @@ def cells_inside(volume: Volume, first: I32, last: I32, level: int | None = None
     ----------
     volume : Volume
         The volume.
-    first, last : (3,) arrays of int32
+    first, last : (3,) arrays of int64
         Lowest and highest x, y, z, both included.
-    level : int, optional
-        Of the cells; the deepest by default.
 
     Returns
     -------
@@ -199,19 +195,8 @@ def cells_inside(volume: Volume, first: I32, last: I32, level: int | None = None
     """
     from volatool.kernels.words import child_cells
 
-    level = volume.depth if level is None else level
-    cells = np.zeros((1, 3), np.int32)
-    index = np.zeros(1, np.int64)
-    for i, words in enumerate(volume.levels[:level]):
-        chosen = words[index]
-        n_each = np.bitwise_count(chosen).astype(np.int64)
-        cells = child_cells(chosen, cells, int(n_each.sum()))
-        # the j-th set bit of a level owns the j-th word of the next
-        within = np.arange(len(cells)) - np.repeat(np.cumsum(n_each) - n_each, n_each)
-        index = np.repeat(volume._ranks[i][index], n_each) + within
-        shift = 2 * (level - 1 - i)
-        inside = np.all((cells >= first >> shift) & (cells <= last >> shift), axis=1)
-        cells, index = cells[inside], index[inside]
+    chosen = select(volume, first, last)
+    cells: I32 = child_cells(chosen.words, chosen.blocks.astype(np.int32), chosen.n_voxels)
     return cells
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from volatool.model import U64, LevelCounts
+from volatool.model import I64, U64, LevelCounts
 
 _SLAB = 1 << 18
 _X_PAIRS = np.uint64(0x7777777777777777)
@@ -43,6 +43,13 @@ def frozen(words: NDArray[np.uint64]) -> U64:
     view = np.ascontiguousarray(words, np.uint64).view()
     view.flags.writeable = False
     return view
+
+
+def ranks_of(words: U64) -> I64:
+    """Return the set bits before each word: where the children of its cells begin."""
+    ranks = np.zeros(len(words), np.int64)
+    np.cumsum(np.bitwise_count(words[:-1]), out=ranks[1:], dtype=np.int64)
+    return ranks
 
 
 def popcount(words: U64) -> int:
