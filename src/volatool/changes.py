@@ -222,7 +222,8 @@ def geojson_lines(
         if name.startswith("EPSG:"):
             name = "urn:ogc:def:crs:EPSG::" + name.removeprefix("EPSG:")
         head["crs"] = {"type": "name", "properties": {"name": name}}
-    return _collection(head, _features(difference, chosen, x, y)), warnings
+    features = _features(difference, chosen, x, y, in_degrees=not keep_crs)
+    return _collection(head, features), warnings
 
 
 def _degrees(difference: Difference, x: F64, y: F64) -> tuple[F64, F64] | None:
@@ -243,7 +244,11 @@ def _counterclockwise(x: F64, y: F64) -> tuple[F64, F64]:
     return np.where(turned, x[:, ::-1], x), np.where(turned, y[:, ::-1], y)
 
 
-def _features(difference: Difference, chosen: Bool, x: F64, y: F64) -> Iterator[str]:
+def _features(
+    difference: Difference, chosen: Bool, x: F64, y: F64, *, in_degrees: bool
+) -> Iterator[str]:
+    from volatool.catalog.footprint import geometry_of
+
     changes = difference.changes
     size = float(voxel_size(difference.a))
     columns = 2 if changes.by == "column" else 3
@@ -261,7 +266,8 @@ def _features(difference: Difference, chosen: Bool, x: F64, y: F64) -> Iterator[
         )
     ]
     rings = np.stack([x, y], axis=-1)
-    for ring, height, *row in zip(rings, heights, *values, strict=True):
+    crosses = np.ptp(x, axis=1) > 180 if in_degrees else np.zeros(len(x), np.bool_)
+    for ring, is_cut, height, *row in zip(rings, crosses.tolist(), heights, *values, strict=True):
         added, removed, far_added, far_removed, is_significant, block = row
         feature = {
             "type": "Feature",
@@ -279,7 +285,9 @@ def _features(difference: Difference, chosen: Bool, x: F64, y: F64) -> Iterator[
                 "level": changes.level,
                 "block": block,
             },
-            "geometry": {"type": "Polygon", "coordinates": [ring.tolist()]},
+            "geometry": geometry_of(ring, _DEGREE_DIGITS)
+            if is_cut
+            else {"type": "Polygon", "coordinates": [ring.tolist()]},
         }
         yield json.dumps(feature, sort_keys=True, separators=(",", ":"))
 

@@ -41,7 +41,7 @@ class Merged:
 
 
 def merge_files(
-    paths: Sequence[str | os.PathLike[str]],
+    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     output: str | os.PathLike[str],
     *,
     op: str = "or",
@@ -55,7 +55,7 @@ def merge_files(
 
     Parameters
     ----------
-    paths : sequence of path
+    paths : path or sequence of path
         VOLA files, at least one.
     output : path
         ``.vol``, ``.vol.gz``, ``.dvol`` or ``.dvol.gz``, which says what is written.
@@ -84,7 +84,11 @@ def merge_files(
     """
     if op not in OPERATIONS:
         raise OptionError(f"no operation {op!r}; there are {', '.join(OPERATIONS)}")
+    if isinstance(paths, str | os.PathLike):
+        paths = [paths]
     inputs, target = [Path(path) for path in paths], Path(output)
+    if not inputs:
+        raise OptionError("no volume is named, there is nothing to merge")
     if op != "or" and len(inputs) < 2:
         raise OptionError(f"--op {op} is of two volumes or more, {len(inputs)} was named")
     kind = encoding_for(target)

@@ -112,6 +112,30 @@ def test_geojson_is_rectangles_in_degrees(epochs):
     assert features[0]["properties"]["volume_added"] == features[0]["properties"]["added"] / 8
 
 
+def test_geojson_is_cut_at_the_antimeridian(tmp_path):
+    """RFC 7946, 3.1.9: no rectangle reaches round the globe."""
+    import shapely
+    from pyproj import Transformer
+
+    to_utm = Transformer.from_crs("EPSG:4326", "EPSG:32760", always_xy=True)
+    x, y = to_utm.transform(180.0, -17.0)  # Taveuni, Fiji
+    cube = Cube((round(x) - 15.0, round(y) - 15.0, 0.0), 32.0)
+    grids = {"crs": crs_from_user("EPSG:32760"), "cube": cube}
+    a = write(tmp_path / "a.vol.gz", set(), **grids)
+    b = write(tmp_path / "b.vol.gz", {(i, j, 0) for i in range(64) for j in range(64)}, **grids)
+    collection = json.loads(run(a, b, "--format", "geojson").stdout)
+    kinds = {"Polygon": 0, "MultiPolygon": 0}
+    shapes = [shapely.geometry.shape(feature["geometry"]) for feature in collection["features"]]
+    for shape in shapes:
+        kinds[shape.geom_type] += 1
+        parts = getattr(shape, "geoms", [shape])
+        assert all(part.is_valid and part.exterior.is_ccw for part in parts)
+        assert all(part.bounds[2] - part.bounds[0] < 1e-4 for part in parts)
+    assert kinds == {"Polygon": 240, "MultiPolygon": 16}
+    one = next(shape.area for shape in shapes if shape.geom_type == "Polygon")
+    assert sum(shape.area for shape in shapes) == pytest.approx(256 * one, rel=1e-3)
+
+
 def test_geojson_in_the_volumes_crs_and_only_what_is_significant(epochs):
     done = run("may.vol.gz", "june.vol.gz", "--format", "geojson", "--keep-crs", "--significant",
                "--by", "block", "--level", 2)  # fmt: skip

@@ -14,6 +14,7 @@ from making_tiles import hills, write_las
 import volatool as vt
 from volatool.cube import Cube
 from volatool.encodings import Encoding, write_volume
+from volatool.errors import OptionError
 from volatool.validate import validate_file
 from volatool.vola.volume import VolumeInfo
 from volatool_cli.main import cli
@@ -156,6 +157,9 @@ def test_outputs_and_inputs_are_checked_before_any_work(points):
     assert (done.exit_code, done.stderr.split(":")[0]) == (2, "E_OPTION")
     done = run("a/p.vol.gz", "--cube-from", "c.vol", "-o", "c.vol", "--overwrite")
     assert "is an input" in done.stderr
+    assert vt.merge("a/p.vol.gz", "e.vol").volume.depth == 2  # not a path a letter
+    with pytest.raises(OptionError, match="nothing to merge"):
+        vt.merge([], "f.vol")
 
 
 def test_the_original_toolkit_reads_what_is_merged(points):

@@ -56,6 +56,20 @@ def test_voxels_of_the_toolkit_have_the_volume_of_their_own_step(volume):
     assert whole.volume > volume.census().volume * 1.04
 
 
+def test_polygons_that_cut_themselves_and_what_is_none(volume):
+    import shapely
+
+    low, high = volume.centers().min(0) - 0.01, volume.centers().max(0) + 0.01
+    (x0, y0), (x1, y1) = low[:2], high[:2]
+    bow = shapely.Polygon([(x0, y0), (x1, y1), (x1, y0), (x0, y1)])
+    assert not bow.is_valid
+    whole, half = volume.census().voxels, volume.census(polygon=bow).voxels
+    x, y = ((volume.centers()[:, :2] - low[:2]) / (high[:2] - low[:2])).T
+    assert half == ((x <= np.minimum(y, 1 - y)) | (x >= np.maximum(y, 1 - y))).sum() < whole
+    with pytest.raises(OptionError, match="a polygon is a shapely geometry, not str"):
+        volume.census(polygon=bow.wkt)
+
+
 def test_a_census_of_everything_and_of_nothing(volume):
     check(volume, np.ones(len(volume), bool), volume.census())
     check(volume, np.zeros(len(volume), bool), volume.census([0, 0, 1, 1]))

@@ -198,7 +198,9 @@ def neighbours(
 
     kinds = [int(kind) for kind in dict.fromkeys(connectivity or ("6", "26"))]
     if error and (numbers or by_block or radius is not None):
-        raise OptionError("--error is about all voxels: it takes no coordinates and no radius")
+        raise OptionError(
+            "--error is about all voxels: it takes no coordinates, --radius or --by-block"
+        )
     if radius is not None and connectivity:
         raise OptionError("give --connectivity or --radius, not both")
     asked.begin(arguments)

@@ -62,16 +62,42 @@ def footprint(crs: CrsInfo, bounds: Bounds) -> Footprint | None:
         ring = np.column_stack(move(ring[:, 0], ring[:, 1]))
     if not np.isfinite(ring).all() or np.abs(ring[:, 1]).max() > 90:
         return None
-    if np.ptp(ring[:, 0]) <= 180:
-        return Footprint(_polygon(ring), _box(ring))
-    # the short way round crosses the antimeridian: count eastwards, cut at 180
-    ring[:, 0] %= 360
-    parts = [_clipped(ring, 180.0, keep_below=True), _clipped(ring, 180.0, keep_below=False)]
-    parts[1][:, 0] -= 360
+    boxes = [_box(part) for part in _parts(ring)]
     _, south, _, north = _box(ring)
-    west, east = _box(parts[0])[0], _box(parts[1])[2]
-    rings = [_polygon(part)["coordinates"] for part in parts]
-    return Footprint({"type": "MultiPolygon", "coordinates": rings}, (west, south, east, north))
+    return Footprint(geometry_of(ring), (boxes[0][0], south, boxes[-1][2], north))
+
+
+def geometry_of(ring: F64, digits: int = _DIGITS) -> dict[str, Any]:
+    """
+    Return a closed ring in degrees as GeoJSON.
+
+    Parameters
+    ----------
+    ring : (n, 2) array of float64
+        Longitude and latitude.
+    digits : int
+        Decimals that are kept.
+
+    Returns
+    -------
+    geometry : dict
+        Polygon, counterclockwise; MultiPolygon, cut at the antimeridian, if it crosses it.
+    """
+    rings = [_polygon(part, digits) for part in _parts(ring)]
+    if len(rings) == 1:
+        return {"type": "Polygon", "coordinates": rings[0]}
+    return {"type": "MultiPolygon", "coordinates": rings}
+
+
+def _parts(ring: F64) -> list[F64]:
+    """Return a ring, or what is west and what is east of the antimeridian that it crosses."""
+    if np.ptp(ring[:, 0]) <= 180:
+        return [ring]
+    # the short way round crosses it: count eastwards, cut at 180
+    around = np.column_stack([ring[:, 0] % 360, ring[:, 1]])
+    west, east = (_clipped(around, 180.0, keep_below=below) for below in (True, False))
+    east[:, 0] -= 360
+    return [west, east]
 
 
 def _ring(bounds: Bounds) -> F64:
@@ -102,11 +128,11 @@ def _clipped(ring: F64, limit: float, *, keep_below: bool) -> F64:
     return np.array([*kept, kept[0]])
 
 
-def _polygon(ring: F64) -> dict[str, Any]:
+def _polygon(ring: F64, digits: int) -> list[list[list[float]]]:
     x, y = ring[:, 0] - ring[0, 0], ring[:, 1] - ring[0, 1]
     if np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) < 0:  # a CRS with its axes the other way round
         ring = ring[::-1]
-    return {"type": "Polygon", "coordinates": [np.round(ring, _DIGITS).tolist()]}
+    return [np.round(ring, digits).tolist()]
 
 
 def _box(ring: F64) -> tuple[float, float, float, float]:

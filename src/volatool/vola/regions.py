@@ -215,6 +215,11 @@ def select(volume: Volume, first: I64, last: I64, polygon: Any | None = None) ->
     -------
     selection : Selection
         Blocks that don't meet the region, and all below them, are not visited.
+
+    Raises
+    ------
+    OptionError
+        The polygon is no geometry.
     """
     from volatool.kernels import regions
 
@@ -249,6 +254,13 @@ class _Area:
     def __init__(self, polygon: Any, frame: Frame, depth: int) -> None:
         import shapely
 
+        if not isinstance(polygon, shapely.Geometry):
+            raise OptionError(
+                f"a polygon is a shapely geometry, not {type(polygon).__name__}; "
+                "volatool.vola.polygons.read_polygons reads WKT and files"
+            )
+        if not shapely.is_valid(polygon):  # of one that cuts itself GEOS may fail, or say anything
+            polygon = shapely.make_valid(polygon)
         self.polygon, self.frame, self.depth = polygon, frame, depth
         shapely.prepare(polygon)
 
