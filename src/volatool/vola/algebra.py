@@ -23,6 +23,41 @@ OPERATIONS = tuple(_MODES)
 """What `combine` can do: union, intersection, symmetric difference, difference."""
 
 
+def sides_of(
+    bounds: Bounds | None, z: tuple[float, float] | None
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """
+    Return lowest and highest x, y and z of a box; infinite where nothing is given.
+
+    Parameters
+    ----------
+    bounds : Bounds, optional
+        Rectangle; four numbers are taken too.
+    z : tuple of 2 float, optional
+        Lowest and highest.
+
+    Raises
+    ------
+    OptionError
+        They are no such numbers, or the lowest is above the highest.
+    """
+    try:
+        box = bounds
+        if box is None:
+            box = Bounds(-math.inf, -math.inf, math.inf, math.inf)
+        elif not isinstance(box, Bounds):
+            box = Bounds(*map(float, box))
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"bounds must be left, bottom, right, top; got {bounds!r}") from error
+    try:
+        low, high = (-math.inf, math.inf) if z is None else map(float, z)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"z must be lowest, highest; got {z!r}") from error
+    if not low <= high:
+        raise OptionError(f"z must be lowest, highest; got {low:g}, {high:g}")
+    return (box.left, box.right), (box.bottom, box.top), (low, high)
+
+
 def crop(
     volume: Volume, bounds: Bounds | None = None, *, z: tuple[float, float] | None = None
 ) -> Volume:
@@ -52,11 +87,7 @@ def crop(
     OptionError
         The lowest z is above the highest, or one is not a number.
     """
-    z = (-math.inf, math.inf) if z is None else z
-    if not z[0] <= z[1]:
-        raise OptionError(f"z must be lowest, highest; got {z[0]:g}, {z[1]:g}")
-    box = Bounds(-math.inf, -math.inf, math.inf, math.inf) if bounds is None else bounds
-    sides = ((box.left, box.right), (box.bottom, box.top), z)
+    sides = sides_of(bounds, z)
     ranges = [_cells_between(volume, axis, *ends) for axis, ends in enumerate(sides)]
     if all(low <= 0 and high >= 4**volume.depth - 1 for low, high in ranges):
         return volume

@@ -12,7 +12,7 @@ from volatool.cube import Cube
 from volatool.errors import OptionError, ResourceError
 from volatool.model import I32, Bool, Bounds
 from volatool.units import format_size
-from volatool.vola.algebra import _cells_between
+from volatool.vola.algebra import _cells_between, sides_of
 from volatool.vola.volume import Volume
 
 WINDOW_LIMIT_BYTES = 1 << 30
@@ -150,20 +150,19 @@ def window_of(
     Raises
     ------
     OptionError
-        The box lies outside the cube, or there is no such level.
+        The box lies outside the cube or is none, or there is no such level.
     """
     level = volume.depth if level is None else level
     volume.n_cells(level)  # refuses one that is not there
     placed = half_open(volume)
-    box = Bounds(-math.inf, -math.inf, math.inf, math.inf) if bounds is None else bounds
-    heights = (-math.inf, math.inf) if z is None else z
-    sides = ((box.left, box.right), (box.bottom, box.top), heights)
-    ranges = [_cells_between(placed, axis, *ends) for axis, ends in enumerate(sides)]
+    ranges = [_cells_between(placed, axis, *ends) for axis, ends in enumerate(sides_of(bounds, z))]
     if any(low > high for low, high in ranges):
-        raise OptionError(
-            f"the window lies outside the cube: x, y, z from {volume.cube.origin}, "
-            f"side {volume.cube.side:g}"
+        ratio, edge = float(volume.crs.z_ratio), volume.cube.side
+        ends = (
+            f"{name} {low / unit:.12g} to {(low + edge) / unit:.12g}"
+            for name, low, unit in zip("xyz", volume.cube.origin, (1, 1, ratio), strict=True)
         )
+        raise OptionError(f"the window lies outside the cube: it has {', '.join(ends)}")
     first, last = np.array(ranges, np.int32).T >> 2 * (volume.depth - level)
     x, y, z_first = map(int, first)
     nx, ny, nz = map(int, last - first + 1)
