@@ -240,3 +240,26 @@ def test_pictures_do_not_mind_a_file_that_they_do_not_write(tmp_path):
     with pytest.raises(OutputExistsError):
         vt.export_volume(random_volume(), tmp_path / "a.png", slices="top")
     assert len(paths) == 3
+
+
+def test_a_box_that_is_none_is_refused_and_four_numbers_are_one():
+    volume = random_volume()
+    x, y, _ = volume.cube.origin
+    rectangle = (x, y, x + 1, y + 1)
+    window = volume.window(rectangle)
+    assert window.shape == volume.window(Bounds(*rectangle)).shape
+    for options, message in (
+        ({"z": (float("nan"), 1)}, "z must be lowest, highest"),
+        ({"z": (2, 1)}, "z must be lowest, highest"),
+        ({"z": 3}, "z must be lowest, highest"),
+        ({"bounds": (0, 0, 1)}, "bounds must be left"),
+        ({"bounds": (1, 0, 0, 0)}, "bounds must be left"),
+        ({"bounds": "here"}, "bounds must be left"),
+        ({"bounds": (0, 0, 1, 1)}, r"outside the cube: it has x \S+ to"),
+        ({"level": 0}, "level 0"),
+    ):
+        with pytest.raises(OptionError, match=message):
+            volume.window(**options)
+    for options in ({"z": 5}, {"z": ("a", "b")}, {"level": 2.5}, {"level": "2"}):
+        with pytest.raises(OptionError, match="must be"):
+            ExportOptions(**options)

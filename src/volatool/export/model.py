@@ -120,8 +120,12 @@ class ExportOptions:
             value = getattr(self, field)
             if value is not None and value not in words:
                 raise OptionError(f"{field} is {value!r}, expected one of {', '.join(words)}")
-        if self.z is not None and not self.z[0] <= self.z[1]:
-            raise OptionError(f"z must be LOW,HIGH with LOW <= HIGH, got {self.z}")
+        if self.level is not None and not isinstance(self.level, int):
+            raise OptionError(f"level must be a whole number, got {self.level!r}")
+        if self.z is not None:
+            from volatool.vola.frame import sides_of
+
+            sides_of(None, self.z)
         if self.above is not None:
             low, high = self.above
             if low.unit == high.unit and low.value > high.value:

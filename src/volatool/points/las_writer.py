@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from volatool._version import __version__
 from volatool.errors import OutputError
+from volatool.points.relay import Relay, uninterrupted
 
 _I32 = np.iinfo(np.int32)
 _DATE_AT = 90
@@ -51,7 +52,7 @@ class LasWriter:
         is_compressed: bool,
         wkt: str | None = None,
     ) -> None:
-        self._out = out
+        self._out = Relay(out)
         header = laspy.LasHeader(point_format=7 if has_colours else 6, version="1.4")
         header.scales, header.offsets = np.array(scale), np.array(offset)
         header.generating_software = f"volatool {__version__}"
@@ -63,7 +64,7 @@ class LasWriter:
         self._header = header
         backend = laspy.LazBackend.LazrsParallel if is_compressed else None
         self._writer = laspy.LasWriter(
-            out, header, do_compress=is_compressed, laz_backend=backend, closefd=False
+            self._out, header, do_compress=is_compressed, laz_backend=backend, closefd=False
         )
 
     def write(self, stored: NDArray[Any], **attributes: Any) -> None:
@@ -94,16 +95,18 @@ class LasWriter:
             # laspy packs bits of whole numbers only
             points[name] = np.broadcast_to(values, len(stored)).astype(np.uint16)
         try:
-            self._writer.write_points(points)
+            with uninterrupted():
+                self._writer.write_points(points)
         except (laspy.errors.LaspyException, lazrs.LazrsError) as error:
-            raise OutputError(f"the points can't be written ({error})") from error
+            raise self._out.cause(error, "the points can't be written") from error
 
     def finish(self) -> None:
         """Write what waits, and the header."""
         try:
-            self._writer.close()
+            with uninterrupted():
+                self._writer.close()
         except (laspy.errors.LaspyException, lazrs.LazrsError) as error:
-            raise OutputError(f"the points can't be written ({error})") from error
+            raise self._out.cause(error, "the points can't be written") from error
         # laspy writes today's date: the same points are to be the same bytes
         self._out.seek(_DATE_AT)
         self._out.write(bytes(4))

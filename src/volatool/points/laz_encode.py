@@ -9,8 +9,8 @@ import lazrs
 import numpy as np
 from numpy.typing import NDArray
 
-from volatool.errors import OutputError
 from volatool.points.layout import RECORD_BYTES
+from volatool.points.relay import Relay, uninterrupted
 
 
 class PointEncoder:
@@ -38,7 +38,8 @@ class PointEncoder:
 
     def begin(self, out: BinaryIO) -> None:
         """Start the points at the file's position; it must seek."""
-        self._compressor = lazrs.ParLasZipCompressor(out, self._vlr)
+        self._out = Relay(out)
+        self._compressor = lazrs.ParLasZipCompressor(self._out, self._vlr)
         self._compressor.reserve_offset_to_chunk_table()
 
     def write(self, records: NDArray[np.uint8]) -> None:
@@ -51,13 +52,15 @@ class PointEncoder:
             How they are cut into calls does not change the file.
         """
         try:
-            self._compressor.compress_many(records.reshape(-1))
+            with uninterrupted():
+                self._compressor.compress_many(records.reshape(-1))
         except lazrs.LazrsError as error:
-            raise OutputError(f"the points can't be compressed ({error})") from error
+            raise self._out.cause(error, "the points can't be compressed") from error
 
     def end(self) -> None:
         """Write what waits, and the chunk table."""
         try:
-            self._compressor.done()
+            with uninterrupted():
+                self._compressor.done()
         except lazrs.LazrsError as error:
-            raise OutputError(f"the points can't be compressed ({error})") from error
+            raise self._out.cause(error, "the points can't be compressed") from error

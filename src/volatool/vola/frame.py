@@ -169,28 +169,43 @@ def cells_meeting(
     OptionError
         The bounds are no rectangle; the lowest z is above the highest, or one is not a number.
     """
-    box = _rectangle(bounds)
-    heights = (-math.inf, math.inf) if z is None else z
-    if not heights[0] <= heights[1]:
-        raise OptionError(f"z must be lowest, highest; got {heights[0]:g}, {heights[1]:g}")
-    sides = ((box.left, box.right), (box.bottom, box.top), heights)
+    sides = sides_of(bounds, z)
     ranges = [_exact_range(volume, axis, *ends) for axis, ends in enumerate(sides)]
     first, last = np.array(ranges, np.int64).T.copy()
     return first, last
 
 
-def _rectangle(bounds: Bounds | Sequence[float] | None) -> Bounds:
-    """Return a rectangle that may be given as four numbers; None is the whole plane."""
-    if isinstance(bounds, Bounds):
-        return bounds
-    infinite = (-math.inf, -math.inf, math.inf, math.inf)
-    given = [float(number) for number in (infinite if bounds is None else bounds)]
-    if len(given) != 4:
-        raise OptionError(f"bounds are four numbers, left, bottom, right, top; got {len(given)}")
+def sides_of(
+    bounds: Bounds | Sequence[float] | None, z: tuple[float, float] | None
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """
+    Return lowest and highest x, y and z of a box; infinite where nothing is given.
+
+    Parameters
+    ----------
+    bounds : Bounds or four float, optional
+        Rectangle.
+    z : tuple of 2 float, optional
+        Lowest and highest.
+
+    Raises
+    ------
+    OptionError
+        They are no such numbers, or the lowest is above the highest.
+    """
     try:
-        return Bounds(*given)
-    except ValueError as error:
-        raise OptionError(str(error)) from error
+        box = Bounds(-math.inf, -math.inf, math.inf, math.inf) if bounds is None else bounds
+        if not isinstance(box, Bounds):
+            box = Bounds(*map(float, box))
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"bounds must be left, bottom, right, top; got {bounds!r}") from error
+    try:
+        low, high = (-math.inf, math.inf) if z is None else map(float, z)
+    except (TypeError, ValueError) as error:
+        raise OptionError(f"z must be lowest, highest; got {z!r}") from error
+    if not low <= high:
+        raise OptionError(f"z must be lowest, highest; got {low:g}, {high:g}")
+    return (box.left, box.right), (box.bottom, box.top), (low, high)
 
 
 def _exact_range(volume: Volume, axis: int, low: float, high: float) -> tuple[int, int]:

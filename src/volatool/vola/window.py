@@ -158,10 +158,12 @@ def window_of(
     placed = half_open(volume)
     first, last = cells_meeting(placed, bounds, z)
     if (first > last).any():
-        raise OptionError(
-            f"the window lies outside the cube: x, y, z from {volume.cube.origin}, "
-            f"side {volume.cube.side:g}"
+        ratio, edge = float(volume.crs.z_ratio), volume.cube.side
+        ends = (
+            f"{name} {low / unit:.12g} to {(low + edge) / unit:.12g}"
+            for name, low, unit in zip("xyz", volume.cube.origin, (1, 1, ratio), strict=True)
         )
+        raise OptionError(f"the window lies outside the cube: it has {', '.join(ends)}")
     first, last = (cells >> 2 * (volume.depth - level) for cells in (first, last))
     x, y, z_first = map(int, first)
     nx, ny, nz = map(int, last - first + 1)
