@@ -138,8 +138,10 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
     """
     Join the parts of neighbouring blocks that touch.
 
-    One walk over the tree in VOLA order, which keeps the 27 nodes about the current one of each
-    level: a neighbour is found by one rank, without search and without a table of neighbours.
+    One walk over the tree in VOLA order keeps the nodes about the current one of each level,
+    without search and without a table of neighbours. For nodes whose children are blocks, all
+    pairs of blocks that may touch in a direction come from the words of two nodes, one moved
+    (`adjacent.meetings`), so that a neighbour costs one rank.
 
     Parameters
     ----------
