@@ -15,6 +15,7 @@ from scipy import ndimage
 import volatool as vt
 from volatool.cube import Cube
 from volatool.errors import OptionError
+from volatool.kernels import adjacent
 from volatool.vola.volume import Volume, VolumeInfo
 
 
@@ -70,11 +71,13 @@ def test_a_snake_through_many_blocks_is_one_component():
 
 
 @pytest.mark.parametrize("step", naive.DIRECTIONS)
-def test_blocks_that_touch_in_each_of_26_directions(step):
-    """Two voxels to both sides of the middle of the cube, under different nodes of the root."""
-    here = tuple(8 if d < 0 else 7 for d in step)
+@pytest.mark.parametrize("depth", [2, 3, 4])
+def test_blocks_that_touch_in_each_of_26_directions(step, depth):
+    """Two voxels to both sides of the middle of the cube: of one node, or of different ones."""
+    middle = 4**depth // 2
+    here = tuple(middle if d < 0 else middle - 1 for d in step)
     cells = [here, tuple(k + d for k, d in zip(here, step, strict=True))]
-    volume = making.volume_of(cells, 2, metadata=False)
+    volume = making.volume_of(cells, depth, metadata=False)
     assert len(volume.components(26)) == 1
     assert len(volume.components(6)) == (1 if sum(map(abs, step)) == 1 else 2)
 
@@ -102,6 +105,63 @@ def test_full_single_empty_and_checkerboard():
     assert len(board.components(6)) == 2048
     assert board.components(6).labels.tolist() == list(range(2048))
     assert len(board.components(26)) == 1
+
+
+def test_large_and_small_components_are_in_one_order():
+    """Sizes on both sides of the one from which on they are sorted, equal ones by first voxel."""
+    bars = {}
+    for row, length in enumerate([3, 1023, 1024, 1, 1025, 1024, 1023, 3]):
+        bars[row] = [(k % 64, 4 * row, k // 64) for k in range(length)]
+    cells = [cell for bar in bars.values() for cell in bar]
+    volume = making.volume_of(cells, 3, metadata=False)
+    hold_against_scipy(volume)
+    sizes = [1025, 1024, 1024, 1023, 1023, 3, 3, 1]
+    found = volume.components(6)
+    assert found.sizes.tolist() == sizes
+    assert found.boxes[:, 1].tolist() == [4 * row for row in (4, 2, 5, 1, 6, 0, 7, 3)]
+
+
+def test_a_long_way_inside_a_block_is_one_part():
+    """A way through a block longer than the steps that all blocks are flooded."""
+    way = [(x, 0, 0) for x in range(4)] + [(3, 1, 0), (3, 2, 0), (2, 2, 0), (1, 2, 0), (0, 2, 0)]
+    way += [(0, 3, 0), (0, 3, 1), (0, 3, 2), (1, 3, 2), (2, 3, 2), (3, 3, 2), (3, 2, 2), (3, 1, 2)]
+    volume = making.volume_of([*way, (1, 1, 3)], 1, metadata=False)
+    assert volume.components(6).sizes.tolist() == [len(way), 1]
+    hold_against_scipy(volume)
+
+
+@pytest.mark.parametrize("is_26", [False, True])
+def test_meetings_are_all_pairs_of_blocks_around_a_node(is_26):
+    """Each cell and direction once; what touches across the side, forth and back."""
+    directions = np.concatenate([adjacent.FACES, adjacent.NOT_FACES])
+    starts, nodes, ways = adjacent.meetings(directions, is_26)
+    pairs = 0
+    for at, direction in enumerate(directions.tolist()):
+        step = np.array([direction % 3 - 1, direction // 3 % 3 - 1, direction // 9 - 1])
+        for k in range(starts[at], starts[at + 1]):
+            around = np.array([nodes[k] % 3 - 1, nodes[k] // 3 % 3 - 1, nodes[k] // 9 - 1])
+            for bit in range(64):
+                flag = np.uint64(1 << bit)
+                cell = np.array([bit & 3, bit >> 2 & 3, bit >> 4])
+                there = cell + step - 4 * around
+                if ways[k, adjacent.CELLS] & flag:
+                    pairs += 1
+                    to = adjacent.moved(flag, ways[k, adjacent.UP], ways[k, adjacent.DOWN])
+                    assert to == 1 << int(there @ [1, 4, 16])
+                expected = sum(
+                    1 << other
+                    for other in range(64)
+                    for away in [
+                        np.array([other & 3, other >> 2 & 3, other >> 4]) + 4 * step - cell
+                    ]
+                    if abs(away).max() == 1 and (is_26 or abs(away).sum() == 1)
+                )
+                if is_26 or direction in adjacent.FACES:
+                    assert adjacent.touched(flag, ways, k) == expected
+                    opposite = directions.tolist().index(26 - direction)
+                    back = adjacent.touching(flag, ways, starts[opposite])
+                    assert back == expected
+    assert pairs == 64 * 26
 
 
 @settings(max_examples=25, deadline=None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import making_volumes as making
 import naive_algebra as twin
 import naive_formats as naive
+import naive_space
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -65,6 +66,21 @@ def test_counts_and_places_are_those_of_the_twin(data, depth, noise, by):
     for block, first, last in zip(blocks, changes.first, changes.last, strict=True):
         layers = [v[2] for v in added | removed if block in twin.places([v], depth, level, by)]
         assert (first, last) == (min(layers), max(layers))
+
+
+@pytest.mark.parametrize("noise", [1, 2, 4])
+@pytest.mark.parametrize("step", naive_space.DIRECTIONS)
+def test_noise_reaches_across_the_middle_of_the_cube(step, noise):
+    """So many voxels away in each of 26 directions it is noise-like, one more it is not."""
+    for depth in (2, 3):
+        middle = 4**depth // 2
+        here = tuple(middle if d < 0 else middle - 1 for d in step)
+        for away in (noise, noise + 1):
+            there = tuple(k + away * d for k, d in zip(here, step, strict=True))
+            found = diff(volume_of({here}, depth), volume_of({there}, depth), noise=noise)
+            assert (found.n_added, found.n_removed) == (1, 1)
+            far = (found.n_significant_added, found.n_significant_removed)
+            assert far == ((1, 1) if away > noise else (0, 0))
 
 
 @given(st.integers(0, 2**64 - 1), *[st.integers(-1, 1)] * 3, st.integers(0, 4))

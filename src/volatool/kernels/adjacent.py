@@ -89,8 +89,8 @@ def meetings(directions, is_26):
     """
     Return where the blocks of a node meet each other and those of the nodes around it.
 
-    For each node around (the node itself is the first) and each direction, the cells of the node
-    whose neighbour in that direction lies there: both nodes' words, one moved, give all pairs of
+    For each direction and each node around (or the node itself) the cells of the node whose
+    neighbour in that direction lies there: both nodes' words, one moved, give all pairs of
     neighbouring blocks at once.
 
     Parameters
@@ -102,21 +102,23 @@ def meetings(directions, is_26):
 
     Returns
     -------
-    nodes, ways_to : (k,) arrays of int64
-        The node around, and the direction, both as ``x + 3 y + 9 z``.
+    starts : (d + 1,) array of int64
+        Where the rows of each direction begin.
+    nodes : (k,) array of int64
+        The node around, as ``x + 3 y + 9 z`` like the directions; 13 is the node itself.
     ways : (k, 11) array of uint64
         The cells; by how much they are shifted up or down (the other is 0) to their neighbours.
         Of blocks that are such neighbours: the cells at the side of the one, how much up or down
         they are shifted to what they touch in the other, and which of those spread along x up and
         down, y up and down, z.
     """
-    nodes, ways_to = np.empty(124, np.int64), np.empty(124, np.int64)
+    starts, nodes = np.empty(directions.size + 1, np.int64), np.empty(124, np.int64)
     ways, k = np.zeros((124, 11), np.uint64), 0
-    for place in range(27):
-        node = 13 if place == 0 else place - (place <= 13)
-        nx, ny, nz = node % 3 - 1, (node // 3) % 3 - 1, node // 9 - 1
-        for direction in directions:
-            dx, dy, dz = direction % 3 - 1, (direction // 3) % 3 - 1, direction // 9 - 1
+    for place in range(directions.size):
+        starts[place], direction = k, directions[place]
+        dx, dy, dz = direction % 3 - 1, (direction // 3) % 3 - 1, direction // 9 - 1
+        for node in range(27):
+            nx, ny, nz = node % 3 - 1, (node // 3) % 3 - 1, node // 9 - 1
             if (nx and nx != dx) or (ny and ny != dy) or (nz and nz != dz):
                 continue
             for bit in range(64):
@@ -126,7 +128,7 @@ def meetings(directions, is_26):
                     ways[k, CELLS] |= _ONE << np.uint64(bit)
                 if x >> 2 == dx and y >> 2 == dy and z >> 2 == dz:
                     ways[k, SIDE] |= _ONE << np.uint64(bit)
-            nodes[k], ways_to[k] = node, direction
+            nodes[k] = node
             to = dx - 4 * nx + 4 * (dy - 4 * ny) + 16 * (dz - 4 * nz)
             over = -(3 * dx + 12 * dy + 48 * dz)
             ways[k, UP], ways[k, DOWN] = max(to, 0), max(-to, 0)
@@ -139,7 +141,8 @@ def meetings(directions, is_26):
                 if dz == 0:
                     ways[k, _ALONG_Z] = ~np.uint64(0)
             k += 1
-    return nodes[:k], ways_to[:k], ways[:k]
+    starts[-1] = k
+    return starts, nodes[:k], ways[:k]
 
 
 @kernel
@@ -155,26 +158,17 @@ def at_sides(word, leaves, start, borders, sides):
         Cells of blocks.
     start : int
         Which of them is the first child.
-    borders : (3, 2) array of uint64
-        Cells of a block that reach beyond its lower and upper side in x, y, z.
+    borders : (27,) array of uint64
+        For each direction the cells of a block that reach beyond it that way.
     sides : (27,) array of uint64
-        Out: for each direction those that have a cell at every side that way; at an edge or
-        a corner it need not be one cell.
+        Out: for each direction the children that have one of these cells.
     """
-    x0 = x3 = y0 = y3 = z0 = z3 = np.uint64(0)
+    sides[:] = 0
     while word:
         low = word & (~word + _ONE)
         word ^= low
         own = leaves[start]
         start += 1
-        x0 |= low if own & borders[0, 0] else np.uint64(0)
-        x3 |= low if own & borders[0, 1] else np.uint64(0)
-        y0 |= low if own & borders[1, 0] else np.uint64(0)
-        y3 |= low if own & borders[1, 1] else np.uint64(0)
-        z0 |= low if own & borders[2, 0] else np.uint64(0)
-        z3 |= low if own & borders[2, 1] else np.uint64(0)
-    k = 0
-    for z in (z0, ~np.uint64(0), z3):
-        for y in (y0, ~np.uint64(0), y3):
-            sides[k], sides[k + 1], sides[k + 2] = x0 & y & z, y & z, x3 & y & z
-            k += 3
+        if own:
+            for k in range(sides.size):  # not 27: unrolled it would not be vectorized
+                sides[k] |= low if own & borders[k] else np.uint64(0)

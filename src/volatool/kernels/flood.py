@@ -19,21 +19,15 @@ from volatool.kernels.adjacent import (
     touching,
 )
 from volatool.kernels.contiguity import popcount
+from volatool.kernels.near import spread
 
 _ONE = np.uint64(1)
 _SLOTS = np.uint64(15)
 _U1, _U2, _U4, _U8, _U16, _U32 = (np.uint64(1 << i) for i in range(6))
 
-_BORDERS = np.array(
-    [
-        [0x1111111111111111, 0x8888888888888888],
-        [0x000F000F000F000F, 0xF000F000F000F000],
-        [0x000000000000FFFF, 0xFFFF000000000000],
-    ],
-    np.uint64,
-)
 _BATCH = 512  # words that are flooded together
 _STEPS = 4  # so often they grow before each is looked at
+_NODES = 256  # whose blocks are joined together
 _MOST_PAIRS = 13 * 64  # of the blocks of a node with blocks that come later
 
 SMALL = 1024
@@ -144,8 +138,10 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
     """
     Join the parts of neighbouring blocks that touch.
 
-    One walk over the tree in VOLA order, which keeps the 27 nodes about the current one of each
-    level: a neighbour is found by one rank, without search and without a table of neighbours.
+    One walk over the tree in VOLA order keeps the nodes about the current one of each level,
+    without search and without a table of neighbours. For nodes whose children are blocks, all
+    pairs of blocks that may touch in a direction come from the words of two nodes, one moved
+    (`adjacent.meetings`), so that a neighbour costs one rank.
 
     Parameters
     ----------
@@ -171,11 +167,16 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
     later = FACES[3:]
     if is_26:
         later = np.concatenate((later, NOT_FACES[10:]))
-    meeting = meetings(later, is_26)
-    room = np.empty(27, np.uint64), np.empty((_MOST_PAIRS + 1, 3), np.int64)
+    meeting = later, meetings(later, is_26)
+    borders = np.empty(27, np.uint64)
+    for k in range(27):
+        borders[k] = spread(~np.uint64(0), k % 3 - 1, k // 3 % 3 - 1, k // 9 - 1, 1)
+    room = borders, np.empty(27, np.uint64), np.empty((_MOST_PAIRS + 1, 3), np.int64)
+    found, n = np.empty((_NODES, 27), np.int64), 0
     if height == 1:
         rest[0] = 0
-        _unite_children(upper, first, around[0], leaves, starts, masks, meeting, room, parents)
+        found[0] = around[0]
+        n = 1
     level = 0
     while level >= 0:
         word = rest[level]
@@ -193,45 +194,55 @@ def unite_blocks(upper, first, height, leaves, starts, masks, is_26, parents):
                         upper, first, around[level], bit, x, y, z
                     )
         if level == height - 2:
-            _unite_children(upper, first, below, leaves, starts, masks, meeting, room, parents)
+            found[n] = below
+            n += 1
+            if n == _NODES:
+                _unite_children(upper, first, found, leaves, starts, masks, meeting, room, parents)
+                n = 0
             continue
         level += 1
         rest[level] = upper[below[13]]
+    _unite_children(upper, first, found[:n], leaves, starts, masks, meeting, room, parents)
 
 
 @kernel
-def _unite_children(upper, first, around, leaves, starts, masks, meeting, room, parents):
-    """Join the blocks of a node with each other and with those of the nodes around it."""
-    nodes, directions, ways = meeting
-    sides, hits = room
-    word, base = upper[around[13]], first[around[13]] - upper.size
-    at_sides(word, leaves, base, _BORDERS, sides)
-    n = 0
-    for k in range(nodes.size):
-        node = around[nodes[k]]
-        if node < 0:
-            continue
-        other, up, down = upper[node], ways[k, UP], ways[k, DOWN]
-        facing = other & sides[26 - directions[k]] if nodes[k] == 13 else other
-        pairs = word & ways[k, CELLS] & sides[directions[k]] & moved(facing, down, up)
-        other_base = first[node] - upper.size
-        while pairs:
-            low = pairs & (~pairs + _ONE)
-            pairs ^= low
-            here = base + popcount(word & (low - _ONE))
-            there = other_base + popcount(other & (moved(low, up, down) - _ONE))
-            hits[n, 0], hits[n, 1], hits[n, 2] = here, there, k
-            n += (touched(leaves[here], ways, k) & leaves[there]) != 0
-    for hit in range(n):
-        here, there, k = hits[hit, 0], hits[hit, 1], hits[hit, 2]
-        reached = touched(leaves[here], ways, k) & leaves[there]
-        reaching = touching(reached, ways, k) & leaves[here]
-        i = _part_of(masks, starts[here], reaching & (~reaching + _ONE))
-        j = _part_of(masks, starts[there], reached & (~reached + _ONE))
-        if not (reaching & ~masks[i] or reached & ~masks[j]):
-            _unite(parents, i, j)
-        else:
-            _unite_parts(here, there, starts, masks, ways, k, parents)
+def _unite_children(upper, first, arounds, leaves, starts, masks, meeting, room, parents):
+    """Join the blocks of nodes with each other and with those of the nodes around them."""
+    directions, (starts_of, nodes, ways) = meeting
+    borders, sides, hits = room
+    for i in range(arounds.shape[0]):
+        word, base = upper[arounds[i, 13]], first[arounds[i, 13]] - upper.size
+        at_sides(word, leaves, base, borders, sides)
+        n = 0
+        for at in range(directions.size):
+            side, facing = sides[directions[at]], sides[26 - directions[at]]
+            if not side:
+                continue
+            for k in range(starts_of[at], starts_of[at + 1]):
+                node = arounds[i, nodes[k]]
+                if node < 0:
+                    continue
+                other, up, down = upper[node], ways[k, UP], ways[k, DOWN]
+                wanted = facing if nodes[k] == 13 else other
+                pairs = side & ways[k, CELLS] & moved(wanted, down, up)
+                other_base = first[node] - upper.size
+                while pairs:
+                    low = pairs & (~pairs + _ONE)
+                    pairs ^= low
+                    here = base + popcount(word & (low - _ONE))
+                    there = other_base + popcount(other & (moved(low, up, down) - _ONE))
+                    hits[n, 0], hits[n, 1], hits[n, 2] = here, there, k
+                    n += (touched(leaves[here], ways, k) & leaves[there]) != 0
+        for hit in range(n):
+            here, there, k = hits[hit, 0], hits[hit, 1], hits[hit, 2]
+            reached = touched(leaves[here], ways, k) & leaves[there]
+            reaching = touching(reached, ways, k) & leaves[here]
+            one = _part_of(masks, starts[here], reaching & (~reaching + _ONE))
+            other_one = _part_of(masks, starts[there], reached & (~reached + _ONE))
+            if not (reaching & ~masks[one] or reached & ~masks[other_one]):
+                _unite(parents, one, other_one)
+            else:
+                _unite_parts(here, there, starts, masks, ways, k, parents)
 
 
 @kernel

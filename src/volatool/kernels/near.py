@@ -150,13 +150,11 @@ def far_bits(bits, cells, neighbours, words, ranks, deepest, reach):
     far : (k,) array of uint64
     """
     far = np.empty(bits.size, np.uint64)
-    borders = np.empty((3, 2), np.uint64)
-    for side in range(2):
-        away = 2 * side - 1
-        borders[0, side] = spread(~np.uint64(0), away, 0, 0, reach)
-        borders[1, side] = spread(~np.uint64(0), 0, away, 0, reach)
-        borders[2, side] = spread(~np.uint64(0), 0, 0, away, reach)
-    faces, others = meetings(FACES, True), meetings(NOT_FACES, True)
+    borders = np.empty(27, np.uint64)
+    for k in range(27):
+        borders[k] = spread(~np.uint64(0), k % 3 - 1, k // 3 % 3 - 1, k // 9 - 1, reach)
+    directions = np.concatenate((FACES, NOT_FACES))  # the likelier first
+    starts, nodes, ways = meetings(directions, True)
     sides = np.empty(27, np.uint64)
     start = 0
     for i in range(cells.size):
@@ -173,40 +171,30 @@ def far_bits(bits, cells, neighbours, words, ranks, deepest, reach):
             far[place] = left
             place += 1
             n_left += left != 0
-        if n_left:
-            at_sides(word, far, start, borders, sides)
-            _clear_near(far, start, word, sides, faces, neighbours, i, words, ranks, deepest, reach)
-            at_sides(word, far, start, borders, sides)
-            _clear_near(
-                far, start, word, sides, others, neighbours, i, words, ranks, deepest, reach
-            )
+        # all pairs of blocks in one direction at once, of the children with a bit at the side that
+        # way
+        for at in range(directions.size if n_left else 0):
+            if at in (0, FACES.size):
+                at_sides(word, far, start, borders, sides)
+            direction = directions[at]
+            side = sides[direction]
+            if not side:
+                continue
+            for k in range(starts[at], starts[at + 1]):
+                node = neighbours[i, nodes[k]]
+                if node < 0:
+                    continue
+                other, up, down = words[node], ways[k, UP], ways[k, DOWN]
+                pairs = side & ways[k, CELLS] & moved(other, down, up)
+                while pairs:
+                    low = pairs & (~pairs + _ONE)
+                    pairs ^= low
+                    near = deepest[ranks[node] + popcount(other & (moved(low, up, down) - _ONE))]
+                    if reach == 1:
+                        near = touching(near, ways, k)
+                    else:
+                        x, y, z = direction % 3 - 1, direction // 3 % 3 - 1, direction // 9 - 1
+                        near = spread(near, x, y, z, reach)
+                    far[start + popcount(word & (low - _ONE))] &= ~near
         start = place
     return far
-
-
-@kernel
-def _clear_near(far, start, word, sides, meeting, neighbours, i, words, ranks, deepest, reach):
-    """
-    Clear the bits of a node's children that are near those of neighbouring blocks.
-
-    All pairs of blocks in one direction are found at once, of the children that have a bit at
-    the side that way.
-    """
-    nodes, directions, ways = meeting
-    for k in range(nodes.size):
-        node, direction = neighbours[i, nodes[k]], directions[k]
-        if node < 0:
-            continue
-        other, up, down = words[node], ways[k, UP], ways[k, DOWN]
-        pairs = word & ways[k, CELLS] & sides[direction] & moved(other, down, up)
-        while pairs:
-            low = pairs & (~pairs + _ONE)
-            pairs ^= low
-            here = start + popcount(word & (low - _ONE))
-            near = deepest[ranks[node] + popcount(other & (moved(low, up, down) - _ONE))]
-            if reach == 1:
-                near = touching(near, ways, k)
-            else:
-                x, y, z = direction % 3 - 1, direction // 3 % 3 - 1, direction // 9 - 1
-                near = spread(near, x, y, z, reach)
-            far[here] &= ~near
