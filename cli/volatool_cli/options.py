@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from volatool.channels import CHANNELS
+from volatool.naming import LAYERS
 from volatool_cli.params import (
     BoundsType,
     CodesType,
@@ -237,7 +238,7 @@ dem = group(
     ),
     click.option(
         "--layers",
-        type=WordsType("count", "flag", "distance", "sigma"),
+        type=WordsType(*LAYERS),
         default="none",
         help="More rasters beside the DEM: count,flag,distance,sigma (standard error).",
     ),

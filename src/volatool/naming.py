@@ -16,6 +16,17 @@ IMPORT_SUFFIXES = (
 VOLUME_SUFFIXES = (".vol.gz", ".dvol.gz", ".vol", ".dvol")
 """What counts as a VOLA file where points and volumes are both taken."""
 
+LAYERS = ("count", "flag", "distance", "sigma")
+"""Rasters that may stand beside an elevation model: ``NAME.dem.LAYER.tif``."""
+
+OUTPUT_SUFFIXES = (
+    *VOLUME_SUFFIXES,
+    ".stats.json",
+    ".dem.tif",
+    *(f".dem.{layer}.tif" for layer in LAYERS),
+)
+"""What the outputs of a tile end in, pictures apart."""
+
 _STEM_SUFFIXES = (".copc.laz", *POINT_SUFFIXES, *VOLUME_SUFFIXES, *IMPORT_SUFFIXES)
 
 

@@ -11,6 +11,7 @@ from volatool.channels import CHANNELS
 from volatool.cube import MAX_DEPTH
 from volatool.errors import OptionError
 from volatool.model import Bounds
+from volatool.naming import LAYERS
 from volatool.resources import DEFAULT_MEMORY_BYTES
 from volatool.units import Length, parse_size
 
@@ -256,10 +257,15 @@ class ConvertOptions:
             raise OptionError("--cube-from gives the cube: leave out --cube, --snap and --split")
 
     @property
+    def depth_options(self) -> tuple[str, ...]:
+        """Names of the options given that say the depth."""
+        names = ("depth", "resolution", "budget", "depth_from")
+        return tuple(name for name in names if getattr(self, name) is not None)
+
+    @property
     def takes_depth_from_volume(self) -> bool:
         """Whether the depth is that of the volume of ``cube_from``."""
-        others = (self.depth, self.resolution, self.budget, self.depth_from)
-        return self.cube_from is not None and all(option is None for option in others)
+        return self.cube_from is not None and not self.depth_options
 
     def _check_seams(self) -> None:
         """Refuse what can't be the same for all tiles of a set."""
@@ -314,11 +320,7 @@ class ConvertOptions:
                 raise OptionError(f"{name} must be a whole number, got {value!r}")
 
     def _check_depth(self) -> None:
-        given = [
-            name
-            for name in ("depth", "resolution", "budget", "depth_from")
-            if getattr(self, name) is not None
-        ]
+        given = self.depth_options
         if len(given) > 1:
             flags = ", ".join("--" + name.replace("_", "-") for name in given)
             raise OptionError(f"{flags}: give only one of them")
@@ -341,7 +343,7 @@ class ConvertOptions:
         for name, words in allowed.items():
             if getattr(self, name) not in words:
                 raise OptionError(f"{name} must be one of {words}, got {getattr(self, name)!r}")
-        for name, known in (("meta", CHANNELS), ("layers", ("count", "flag", "distance", "sigma"))):
+        for name, known in (("meta", CHANNELS), ("layers", LAYERS)):
             unknown = [word for word in getattr(self, name) if word not in known]
             if unknown:
                 raise OptionError(f"{name}: {unknown[0]!r} is not one of {known}")

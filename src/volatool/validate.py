@@ -11,21 +11,11 @@ from typing import Any
 import numpy as np
 
 from volatool.errors import CodedWarning, InputNotFoundError, VolatoolError
+from volatool.naming import OUTPUT_SUFFIXES
 from volatool.problems import Problem
 from volatool.vola.volume import Volume
 
 _REPAIRED = "W_ZERO_METADATA"
-
-LAYERS = ("flag", "count", "distance", "sigma")
-_SUFFIXES = (
-    ".vol",
-    ".vol.gz",
-    ".dvol",
-    ".dvol.gz",
-    ".stats.json",
-    ".dem.tif",
-    *(f".dem.{layer}.tif" for layer in LAYERS),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +132,7 @@ def validate_files(
 
 def _stem(name: str) -> str:
     """Return what the names of a tile's files begin with."""
-    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
+    for suffix in sorted(OUTPUT_SUFFIXES, key=len, reverse=True):
         if name.lower().endswith(suffix):
             return name[: -len(suffix)]
     return name
@@ -151,7 +141,7 @@ def _stem(name: str) -> str:
 def _beside(path: Path) -> Iterator[Path]:
     """Yield the other files of a file's tile that are there."""
     stem = _stem(path.name)
-    for suffix in _SUFFIXES if stem != path.name else ():
+    for suffix in OUTPUT_SUFFIXES if stem != path.name else ():
         member = path.parent / (stem + suffix)
         if member != path and member.is_file():
             yield member

@@ -98,8 +98,7 @@ def depth_in_advance(options: ConvertOptions, crs: CrsInfo, cube: Cube) -> int |
 
 def own_depth(options: ConvertOptions, source: Source) -> int | None:
     """Return the depth of an imported grid, None without one or if another rule is asked for."""
-    rule = (options.depth, options.resolution, options.budget, options.depth_from)
-    if source.own_grid is None or any(value is not None for value in rule):
+    if source.own_grid is None or options.depth_options:
         return None
     return source.own_grid[1]
 

@@ -10,6 +10,7 @@ import pystac
 import pytest
 from making_volumes import random_volume
 
+import volatool as vt
 from volatool.catalog.footprint import footprint
 from volatool.catalog.index import index_folder
 from volatool.catalog.stac import Period
@@ -116,6 +117,22 @@ def test_a_volume_without_crs_has_no_geometry(tmp_path):
     assert item["properties"]["pc:count"] == volume.n_voxels
     assert item["properties"]["datetime"] == "2019-05-01T00:00:00Z"
     assert pystac.Item.from_dict(item).datetime == datetime(2019, 5, 1, tzinfo=UTC)
+
+
+def test_a_file_without_a_trailer_is_counted_and_placed(tmp_path):
+    """As the original writes it: the voxels are counted, the EPSG code gives the place."""
+    info = VolumeInfo(crs=UTM, epsg=25832, box=(500000.0, 5400000.0, 0.0, 500100.0, 5400100.0, 9.0))
+    volume = random_volume(cube=Cube((500000.0, 5400000.0, 0.0), 100.0), info=info)
+    (path,) = vt.export_volume(volume, tmp_path / "a.vol", "vol1").paths
+    assert vt.open(path).info.quantizer == "unknown"
+    index_folder(tmp_path, attribution=WHO, period=Period.parse("2019-05-01"), name="x")
+    item = json.loads((tmp_path / "a.stac.json").read_text())
+    properties = item["properties"]
+    assert properties["pc:count"] == properties["vola:voxels"] == volume.n_voxels
+    assert properties["proj:code"] == "EPSG:25832"
+    assert "25832" in properties["proj:wkt2"]
+    lat, lon = latlon(UTM, 500000.0, 5400000.0)
+    np.testing.assert_allclose(item["bbox"][:2], [lon, lat], atol=1e-5)
 
 
 def test_a_tile_across_the_antimeridian_is_cut_there():

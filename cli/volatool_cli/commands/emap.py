@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from volatool.naming import LAYERS
 from volatool_cli import options
 from volatool_cli.params import BoundsType, FloatRange, LengthType, SizeType, WordsType
 
@@ -117,7 +118,7 @@ from volatool_cli.params import BoundsType, FloatRange, LengthType, SizeType, Wo
 )
 @click.option(
     "--layers",
-    type=WordsType("count", "flag", "distance", "sigma"),
+    type=WordsType(*LAYERS),
     default="none",
     help="More rasters beside each model: count,flag,distance,sigma.",
 )

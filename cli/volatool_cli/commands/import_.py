@@ -73,6 +73,4 @@ def import_(**arguments: Any) -> None:
     """
     from volatool_cli.run import run_tiles
 
-    if arguments["columns"] is not None:
-        arguments["columns"] = tuple(arguments["columns"].split(","))
     run_tiles(arguments, kind="import")

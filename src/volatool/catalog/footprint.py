@@ -10,7 +10,7 @@ import numpy as np
 
 from volatool.errors import CRSError
 from volatool.model import F64, Bounds, CrsInfo
-from volatool.points.crs import crs_from_user
+from volatool.points.crs import crs_from_user, known_wkt
 from volatool.points.crs_places import mover
 
 _PER_SIDE = 8
@@ -51,10 +51,11 @@ def footprint(crs: CrsInfo, bounds: Bounds) -> Footprint | None:
     footprint : Footprint or None
         None without a CRS, and where the projection has no inverse.
     """
-    if crs.wkt2 is None:
+    wkt = known_wkt(crs)
+    if wkt is None:
         return None
     try:
-        move = mover(crs.wkt2, crs_from_user("EPSG:4326"))
+        move = mover(wkt, crs_from_user("EPSG:4326"))
     except CRSError:
         return None
     ring = _ring(bounds)

@@ -14,10 +14,9 @@ from volatool.catalog.tiles import Tile, tiles_of
 from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, FormatError, OptionError
 from volatool.formats import vola_index
+from volatool.naming import LAYERS
 from volatool.outputs import OutputSet, refuse_existing
 from volatool.report import dumps
-
-_LAYERS = ("", ".flag", ".count", ".distance", ".sigma")
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +140,7 @@ def _mosaics(tiles: list[Tile], base: Path) -> dict[Path, bytes]:
 
     models = [tile.beside["dem"] for tile in tiles if "dem" in tile.beside]
     found = {}
-    for layer in _LAYERS:
+    for layer in ("", *(f".{name}" for name in LAYERS)):
         suffix = f".dem{layer}.tif"
         paths = [path.with_name(path.name.removesuffix(".dem.tif") + suffix) for path in models]
         paths = [path for path in paths if path.is_file()]

@@ -16,6 +16,7 @@ from volatool.catalog.attribution import Attribution
 from volatool.catalog.footprint import Footprint, footprint
 from volatool.catalog.tiles import Tile
 from volatool.errors import CodedWarning, OptionError
+from volatool.points.crs import known_wkt
 
 VERSION = "1.1.0"
 ITEM_SUFFIX = ".stac.json"
@@ -187,9 +188,7 @@ def _pointcloud(tile: Tile, density: float | None) -> dict[str, Any]:
             for axis, name in enumerate("XYZ")
         ],
     }
-    voxels = (tile.facts.trailer or {}).get("voxels")
-    count = info.n_points if info.n_points is not None else voxels
-    content["pc:count"] = int(count) if count is not None else 0
+    content["pc:count"] = tile.n_voxels if info.n_points is None else info.n_points
     if density is not None:
         content["pc:density"] = density
     return content
@@ -206,7 +205,7 @@ def _projection(tile: Tile) -> dict[str, Any]:
     ]
     return {
         "proj:code": None if crs.epsg is None else f"EPSG:{crs.epsg}",
-        "proj:wkt2": crs.wkt2,
+        "proj:wkt2": known_wkt(crs),
         "proj:bbox": list(tile.box),
         "proj:geometry": {"type": "Polygon", "coordinates": [ring]},
     }
@@ -225,7 +224,7 @@ def _vola(tile: Tile) -> dict[str, Any]:
         "vola:cell": cube.cell(header.depth),
         "vola:cube": {"origin": list(cube.origin), "side": cube.side},
         "vola:bits_per_voxel": 1 + header.nbits,
-        "vola:voxels": (tile.facts.trailer or {}).get("voxels"),
+        "vola:voxels": tile.n_voxels,
         "vola:quantizer": tile.facts.info.quantizer,
     }
 

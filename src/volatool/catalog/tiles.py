@@ -7,7 +7,7 @@ from pathlib import Path
 
 from volatool.errors import InputError, InputNotFoundError
 from volatool.formats.header import SPARSE, Header
-from volatool.formats.registry import FileInfo, read_info
+from volatool.formats.registry import FileInfo, open_volume, read_info
 from volatool.model import Bounds
 from volatool.naming import stem
 
@@ -53,6 +53,12 @@ class Tile:
     def box(self) -> tuple[float, float, float, float, float, float]:
         """Tight box of the points if known, else the header's, which may be the whole cube."""
         return self.facts.info.box or self.header.box
+
+    @property
+    def n_voxels(self) -> int:
+        """Voxels; a file without a trailer is read for it."""
+        told = (self.facts.trailer or {}).get("voxels")
+        return told if isinstance(told, int) else len(open_volume(self.path))
 
     @property
     def bounds(self) -> Bounds:
