@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from main_job import Cost, median, run
+from costs import Cost, median, run
 
 HERE = Path(__file__).resolve()
 HOLE_M = 10.0
@@ -246,7 +246,9 @@ def measure(xyz: np.ndarray, n: int, runs: int, limit_s: float) -> list[dict[str
                     rows[method]["void"] = void + more
     for method in methods:
         rows[method]["seconds"] = statistics.median(second for second, _ in costs[method])
-        rows[method]["peak_mib"] = median([cost for _, cost in costs[method]]).peak_mib
+        whole = median([cost for _, cost in costs[method]])
+        rows[method]["runs"] = len(costs[method])
+        rows[method]["wall_s"], rows[method]["peak_mib"] = whole.wall_s, whole.peak_mib
         rows[method]["us_per_cell"] = rows[method]["seconds"] / (n * n) * 1e6
     return list(rows.values())
 
