@@ -57,7 +57,8 @@ class Row:
 
 
 def _stage(name: str, what: str, reach: str = "", limit: float | None = None) -> Row:
-    return Row(name, "stages", what, "stage", "tile", name, "decode", reach, limit)
+    floor = "" if name == "decode" else "decode"
+    return Row(name, "stages", what, "stage", "tile", name, floor, reach, limit)
 
 
 def _job(name: str, what: str, arguments: str, tile: str = "tile", **rest: object) -> Row:
@@ -135,9 +136,15 @@ def _growth(size: str, limit: float | None = None) -> Row:
     tile = "tile" if size == "10M" else size
     command = "convert {tile} -o {out} --overwrite -q --cell 1m"
     return Row(
-        f"growth-{size}", "growth", f"`convert --cell 1m`, {size}", "command", tile, command,
-        reach="us_per_point_wall", limit=limit,
-    )  # fmt: skip
+        f"growth-{size}",
+        "growth",
+        f"`convert --cell 1m`, {size}",
+        "command",
+        tile,
+        command,
+        reach="us_per_point_wall",
+        limit=limit,
+    )
 
 
 ROWS: tuple[Row, ...] = (
@@ -183,16 +190,37 @@ ROWS: tuple[Row, ...] = (
     _job("small", "`convert`, 100 k points", "", "100k", reach="wall_s", limit=3.0),
     _job("start-up", "`convert`, 1 k points", "", "1k", reach="wall_s", limit=1.5),
     Row(
-        "help", "jobs", "`volatool --help`", "command", "1k", "--help", "decode-process",
-        "wall_s", 0.15,
-    ),  # fmt: skip
+        "help",
+        "jobs",
+        "`volatool --help`",
+        "command",
+        "1k",
+        "--help",
+        "decode-process",
+        "wall_s",
+        0.15,
+    ),
     *_voxels("sparse", "20M", "PDAL 33 s, 1200 MB; prototype 9.7 s, 310-420 MB"),
     *_voxels("dense", "20M-dense", "PDAL 14.6 s; prototype 7.0 s, 310-420 MB"),
-    Row("array-volatool", "arrays", "voxels of 0.5 m, 4 M points in memory", "peer", "4M",
-        "array volatool"),
+    Row(
+        "array-volatool",
+        "arrays",
+        "voxels of 0.5 m, 4 M points in memory",
+        "peer",
+        "4M",
+        "array volatool",
+    ),
     *(
-        Row(f"array-{name}", "arrays", f"the same by {what}", "peer", "4M", f"array {name}",
-            reach="faster", of="array-volatool")
+        Row(
+            f"array-{name}",
+            "arrays",
+            f"the same by {what}",
+            "peer",
+            "4M",
+            f"array {name}",
+            reach="faster",
+            of="array-volatool",
+        )
         for name, what in (
             ("open3d", "Open3D (VoxelGrid)"),
             ("pyoctomap", "OctoMap (pyoctomap)"),
@@ -205,17 +233,46 @@ ROWS: tuple[Row, ...] = (
     _solve("solve-250k", "0.25 M"),
     _solve("solve-4M", "4 M", 1.0),
     _solve("solve-16M", "16 M", 1.0),
-    Row("solve-growth", "solver", "us per cell, 16 M to 0.25 M", "derived",
-        reach="units_ratio", limit=1.3, prototype="membrane: none seen", of="solve-16M solve-250k"),
+    Row(
+        "solve-growth",
+        "solver",
+        "us per cell, 16 M to 0.25 M",
+        "derived",
+        reach="units_ratio",
+        limit=1.3,
+        prototype="membrane: none seen",
+        of="solve-16M solve-250k",
+    ),
     Row("surfaces", "surfaces", "EMap and others through the same ground points", "surfaces"),
     *(_growth(size) for size in ("1M", "4M", "10M", "20M", "100M")),
-    Row("growth-time", "growth", "wall time per point, 100 M to 10 M", "derived",
-        reach="units_ratio", limit=1.1, of="growth-100M growth-10M"),
-    Row("growth-memory", "growth", "peak memory, 100 M to 10 M", "derived",
-        reach="peak_ratio", limit=1.1, of="growth-100M growth-10M"),
-    Row("growth-ceiling", "growth", "peak memory, 100 M, MiB", "derived",
-        reach="peak_mib", limit=1024.0, of="growth-100M"),
-)  # fmt: skip
+    Row(
+        "growth-time",
+        "growth",
+        "wall time per point, 100 M to 10 M",
+        "derived",
+        reach="units_ratio",
+        limit=1.1,
+        of="growth-100M growth-10M",
+    ),
+    Row(
+        "growth-memory",
+        "growth",
+        "peak memory, 100 M to 10 M",
+        "derived",
+        reach="peak_ratio",
+        limit=1.1,
+        of="growth-100M growth-10M",
+    ),
+    Row(
+        "growth-ceiling",
+        "growth",
+        "peak memory, 100 M, MiB",
+        "derived",
+        reach="peak_mib",
+        limit=1024.0,
+        of="growth-100M",
+    ),
+)
 
 
 def chosen(patterns: Sequence[str]) -> tuple[Row, ...]:

@@ -99,14 +99,17 @@ class Suite:
             say(f"no {SPARSE} in VOLATOOL_SHARED: a made-up town of 10 M points instead")
             sparse = self._town(self.work / "town-10000000.laz", 10_000_000)
         dense = shared / DENSE
-        return sparse, dense if dense.exists() else self._town(self.work / "town-640000.laz", 640_000)
+        return sparse, dense if dense.exists() else self._town(
+            self.work / "town-640000.laz", 640_000
+        )
 
     def _town(self, path: Path, n_points: int) -> Path:
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             part = path.with_name(f".{os.getpid()}-{path.name}")
             command = [sys.executable, str(GENERATOR), "town", str(part)]
-            subprocess.run([*command, "--points", str(n_points)], check=True)
+            command += ["--points", str(n_points)]
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
             part.replace(path)
         return path
 
@@ -166,7 +169,9 @@ class Suite:
             return [sys.executable, "-m", "volatool_cli", *words]
         program, _, job = row.arguments.partition(" ")
         where = self.peers.get(program)
-        return None if where is None else peers.pdal_command(where, job, tile.path, out, tile.unit_m)
+        return (
+            None if where is None else peers.pdal_command(where, job, tile.path, out, tile.unit_m)
+        )
 
     def _warm(self, rows: list[Row]) -> None:
         """Run each job once on a small tile, and each decoder: kernels and files are cached."""
@@ -304,8 +309,13 @@ def main() -> int:
     add("--json", type=Path, metavar="FILE", help="write the numbers too")
     add("--quick", action="store_true", help="small made-up tiles, one turn, no peers")
     add("--check", action="store_true", help="exit 1 when a ratio is worse than the baseline")
-    add("--by", nargs="+", choices=results.MEASURES, default=list(results.MEASURES),
-        help="what --check compares [all]; cpu and peak on a busy machine")  # fmt: skip
+    add(
+        "--by",
+        nargs="+",
+        choices=results.MEASURES,
+        default=list(results.MEASURES),
+        help="what --check compares [all]; cpu and peak on a busy machine",
+    )
     add("--from", dest="result", type=Path, metavar="FILE", help="numbers measured before")
     add("--baseline", type=Path, default=BASELINE)
     add("--save-baseline", action="store_true", help="keep the ratios as the new baseline")

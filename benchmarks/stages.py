@@ -169,7 +169,7 @@ class Stages:
         return sum(map(len, self.chunks))
 
     def ground(self) -> int:
-        """The ground filter; next to nothing on a tile that has the ground class."""
+        """Run the ground filter; next to nothing on a tile that has the ground class."""
         self.points = self.gatherer.result(self.crs)
         return sum(map(len, self.chunks))
 
