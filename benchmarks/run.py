@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,12 +23,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import hot_spots
 import machine
 import peers
 import results
 from costs import Cost, run
 from results import Measured
-from rows import Row, chosen
+from rows import ROWS, Row, chosen
 
 HERE = Path(__file__).resolve().parent
 BASELINE = HERE / "baseline.json"
@@ -36,8 +38,6 @@ SCHEMA = 1
 QUICK_POINTS = 20_000
 SPARSE = "autzen-2010-oregon-10.6M.laz"
 DENSE = "ahn3_cropped_1.laz"
-GROUND = "las_with_several_extra_byte_bloc.laz"
-"""Nearly all of class 2: the points that the surfaces go through."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +85,18 @@ class Suite:
                 self._stages(members)
             else:
                 self._processes(members)
+
+    def profile(self, row: Row) -> str:
+        """Return the functions that a job of ours spends its time in, as a Markdown table."""
+        spy = shutil.which("py-spy") or shutil.which("py-spy", path=Path(sys.executable).parent)
+        if spy is None:
+            sys.exit("py-spy is not installed: pip install py-spy")
+        self._make_tiles(sorted({row.input, "100k"}))
+        self._warm([row])
+        samples = self.folder / "samples.txt"
+        command = [spy, "record", "--format", "raw", "--rate", "100", "--threads"]
+        run([*command, "-o", str(samples), "--", *(self._command(row) or [])])
+        return hot_spots.table(samples.read_text().splitlines())
 
     # inputs
 
@@ -206,13 +218,12 @@ class Suite:
 
     def _surfaces(self) -> None:
         """Run ``dem.py``, which has the other ways to a surface."""
-        tile = Path(os.environ.get("VOLATOOL_SHARED", "")) / "tiles" / GROUND
         one = self.measured["surfaces"] = Measured()
-        if self.options.quick or not tile.exists():
-            one.skipped = f"no {GROUND}"
+        if self.options.quick:
+            one.skipped = "not in a quick run"
             return
         out = self.folder / "surfaces.json"
-        command = [sys.executable, str(HERE / "dem.py"), str(tile), "--millions", "1"]
+        command = [sys.executable, str(HERE / "dem.py"), str(self.dense), "--millions", "1"]
         subprocess.run(
             [*command, "--runs", str((self.options.runs + 1) // 2), "--json", str(out)],
             check=True,
@@ -236,7 +247,7 @@ class Suite:
                     "group": "surfaces",
                     "what": f"1 M cells of 1 m from {row['points'] / 1e6:.2f} M points: "
                     + row["method"],
-                    "input": GROUND,
+                    "input": self.dense.name,
                     "units": row["cells"],
                     "runs": row.get("runs", 0),
                     "median": cost,
@@ -280,6 +291,19 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
+def profile(options: argparse.Namespace) -> int:
+    """Print where the time of one job goes."""
+    row = next((row for row in ROWS if row.name == options.profile), None)
+    if row is None or row.kind != "command":
+        jobs = ", ".join(row.name for row in ROWS if row.kind == "command")
+        say(f"--profile takes one of {jobs}")
+        return 2
+    with tempfile.TemporaryDirectory(dir=options.out) as folder:
+        found = Suite(options, Path(folder)).profile(row)
+    print(f"{row.what} on {row.input}; {machine.line(machine.describe())}\n\n{found}")
+    return 0
+
+
 def check(document: dict[str, Any], path: Path, measures: list[str]) -> int:
     """Compare with the baseline; return the exit status."""
     if not path.exists():
@@ -308,6 +332,7 @@ def main() -> int:
     add("--open3d", metavar="PYTHON", help="an interpreter that has Open3D")
     add("--json", type=Path, metavar="FILE", help="write the numbers too")
     add("--quick", action="store_true", help="small made-up tiles, one turn, no peers")
+    add("--profile", metavar="JOB", help="where a job's time goes, by py-spy, instead of the table")
     add("--check", action="store_true", help="exit 1 when a ratio is worse than the baseline")
     add(
         "--by",
@@ -326,6 +351,8 @@ def main() -> int:
         chosen(options.only)
     except ValueError as error:
         parser.error(str(error))
+    if options.profile is not None:
+        return profile(options)
     if options.result is not None:
         document = json.loads(options.result.read_text())
     else:
