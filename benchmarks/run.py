@@ -94,7 +94,7 @@ class Suite:
         self._make_tiles(sorted({row.input, "100k"}))
         self._warm([row])
         samples = self.folder / "samples.txt"
-        command = [spy, "record", "--format", "raw", "--rate", "100", "--threads"]
+        command = [spy, "record", "--format", "raw", "--rate", "100"]
         run([*command, "-o", str(samples), "--", *(self._command(row) or [])])
         return hot_spots.table(samples.read_text().splitlines())
 
