@@ -22,7 +22,8 @@ class Row:
         For people.
     kind : str
         ``"stage"`` (in process), ``"command"`` (a process of ours), ``"peer"`` (of others),
-        ``"derived"`` (from other rows).
+        ``"array"`` (ours from an array), ``"surfaces"`` (of ``dem.py``), ``"derived"`` (from other
+        rows).
     input : str
         A tile of `inputs.RECIPES`; of a group of stages, all the same.
     arguments : str
@@ -206,7 +207,7 @@ ROWS: tuple[Row, ...] = (
         "array-volatool",
         "arrays",
         "voxels of 0.5 m, 4 M points in memory",
-        "peer",
+        "array",
         "4M",
         "array volatool",
     ),

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -72,7 +73,7 @@ class Suite:
 
     def run(self, rows: tuple[Row, ...]) -> None:
         """Make the tiles and run the rows, group after group."""
-        names = {row.input for row in rows if row.kind in ("stage", "command", "peer")}
+        names = {row.input for row in rows if row.kind not in ("derived", "surfaces")}
         self._make_tiles(sorted(names | {"100k"}))
         for group in dict.fromkeys(row.group for row in rows):
             members = [row for row in rows if row.group == group]
@@ -188,7 +189,10 @@ class Suite:
     def _warm(self, rows: list[Row]) -> None:
         """Run each job once on a small tile, and each decoder: kernels and files are cached."""
         small = self.tiles["100k"].path
-        for row in rows:
+        once = {
+            (row.arguments, row.input if row.arguments == "decode" else ""): row for row in rows
+        }
+        for row in once.values():
             if row.arguments == "decode":
                 run(self._command(row) or [])
             elif row.kind == "command":
@@ -243,7 +247,8 @@ class Suite:
             found.append(
                 {
                     **dict.fromkeys(("floor", "ratios", "target", "met", "prototype")),
-                    "name": f"surface-{row['method'].split()[0].rstrip(',').lower()}",
+                    "name": "surface-"
+                    + re.sub(r"[^a-z0-9.]+", "-", row["method"].lower()).strip("-"),
                     "group": "surfaces",
                     "what": f"1 M cells of 1 m from {row['points'] / 1e6:.2f} M points: "
                     + row["method"],
