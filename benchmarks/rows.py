@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 PLAIN_VOXELS = "--no-dem --meta none --dense never"
+PLACE = "--crs-default EPSG:28992"
+"""Of the Delft tile, whose file does not tell: metres need a unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ def _solve(name: str, cells: str, limit: float | None = None) -> Row:
 def _voxels(kind: str, tile: str, prototype: str) -> list[Row]:
     """Return the rows of LAZ to voxels of 0.5 m on a tile of about 20 M points."""
     group, ours, floor = f"voxels-{kind}", f"voxels-{kind}", f"decode-{kind}"
-    command = f"convert {{tile}} -o {{out}} --overwrite -q {PLAIN_VOXELS} --resolution 0.5m"
+    command = f"convert {{tile}} -o {{out}} --overwrite -q {PLAIN_VOXELS} --resolution 0.5m {PLACE}"
     return [
         Row(floor, group, f"decode only, {kind}", "command", tile, "decode"),
         Row(ours, group, f"LAZ to voxels of 0.5 m, {kind}", "command", tile, command, floor),
