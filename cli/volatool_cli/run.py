@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +17,8 @@ from volatool.naming import IMPORT_SUFFIXES, POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
-from volatool_cli.output import configure_logging, progress_of, say_warnings
+from volatool_cli.output import configure_logging, say_warnings
+from volatool_cli.progress import watcher_of
 
 _STATUS_OF = {
     "E_OPTION": ExitCode.USAGE,
@@ -27,6 +29,7 @@ _STATUS_OF = {
     "E_WRITE": ExitCode.NOT_WRITTEN,
     "E_MEMORY": ExitCode.LIMIT,
     "E_SIZE": ExitCode.LIMIT,
+    "E_INTERNAL": ExitCode.INTERNAL,
 }
 """What the status says when every input failed for such a reason."""
 
@@ -65,28 +68,35 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     if dry_run:
         _dry_run(paths, options, kind, folder, overwrite)
         return
-    reports = []
-    for report in run_inputs(
+    reports, codes, n_done = [], [], 0
+    watcher = watcher_of(show_progress, quiet)
+    results = run_inputs(
         paths,
         options,
         kind=kind,
         outdir=folder,
         overwrite=overwrite,
         fail_fast=fail_fast,
-        progress=lambda path: progress_of(path.name, show_progress, quiet),
-    ):
-        if report.error is not None:
-            click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
-        elif report.input is not None:
-            say_warnings(report.input["name"], report.warnings, quiet)
-        reports.append(report)
-        if kind != "stats":
-            _print_result(report, as_json)
+        watcher=watcher,
+    )
+    with contextlib.closing(results):
+        for result in results:
+            report = result.report
+            n_done += 1
+            with watcher.aside():
+                if report.error is not None:
+                    codes.append(report.error["code"])
+                    click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
+                elif report.input is not None:
+                    say_warnings(report.input["name"], report.warnings, quiet)
+                if kind != "stats":
+                    _print_result(report, as_json)
+            if kind == "stats":
+                reports.append(report)
     if kind == "stats":
         _print_stats(reports, form, summary)
-    codes = [report.error["code"] for report in reports if report.error is not None]
     if codes:
-        sys.exit(_status(codes, len(reports)))
+        sys.exit(_status(codes, n_done))
 
 
 def _suffixes(kind: str, from_format: str | None) -> tuple[str, ...]:

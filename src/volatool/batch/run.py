@@ -1,25 +1,20 @@
-"""Inputs one after the other; a failed one becomes a report and the rest go on."""
+"""Inputs through an executor to results; a failed one becomes a result and the rest go on."""
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+import contextlib
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
+from volatool.batch.executor import Executor, Serial, Watcher
+from volatool.batch.identity import identify
 from volatool.batch.plan import refuse_collisions
-from volatool.classification import classify_tile, refuse_inputs
-from volatool.errors import VolatoolError
-from volatool.model import Progress
+from volatool.batch.work import Result, Unit
+from volatool.classification import refuse_inputs
 from volatool.options import ConvertOptions
 from volatool.outputs import refuse_existing
-from volatool.report import Report
-from volatool.tile import convert_tile, planned_outputs
+from volatool.tile import planned_outputs
 from volatool.volumes import check_files
-
-logger = logging.getLogger(__name__)
-
-ProgressMaker = Callable[[Path], AbstractContextManager[Progress]]
 
 
 def run_inputs(
@@ -27,20 +22,21 @@ def run_inputs(
     options: ConvertOptions,
     *,
     kind: str,
-    outdir: Path | None,
-    overwrite: bool,
-    fail_fast: bool,
-    progress: ProgressMaker,
-) -> Iterator[Report]:
+    outdir: Path | None = None,
+    overwrite: bool = False,
+    fail_fast: bool = False,
+    executor: Executor | None = None,
+    watcher: Watcher | None = None,
+) -> Generator[Result, None, None]:
     """
-    Work on inputs in order.
+    Work on inputs.
 
     Parameters
     ----------
     paths : sequence of pathlib.Path
         The inputs.
     options : ConvertOptions
-        For all of them.
+        For all of them; ``memory`` is the ceiling of each process.
     kind : str
         ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
     outdir : pathlib.Path or None
@@ -49,19 +45,24 @@ def run_inputs(
         Replace outputs that exist.
     fail_fast : bool
         Stop after the first failed input.
-    progress : callable
-        Gives a context manager of a progress callback for an input.
+    executor : Executor, optional
+        Where the work is done; in this process by default.
+    watcher : Watcher, optional
+        Told how it gets on.
 
     Yields
     ------
-    report : Report
-        One per input; with ``status`` failed and ``error`` for an input that could not be used.
+    result : Result
+        One per input, in the order in which they finish (``index`` is the input's place in
+        `paths`); for an input that could not be used the report's ``status`` is failed. Close the
+        generator to stop the work: no worker goes on then.
 
     Raises
     ------
     OptionError
         Outputs that exist or collide, and options that fit no input, before any work.
     """
+    executor, watcher = executor or Serial(), watcher or Watcher()
     check_files(options)
     if kind != "stats":
         refuse_collisions(paths, outdir)
@@ -71,56 +72,27 @@ def run_inputs(
             [target for path in paths for target in planned_outputs(path, options, kind, outdir)],
             overwrite,
         )
-    for path in paths:
-        try:
-            with progress(path) as report_progress:
-                yield _work(path, options, kind, outdir, overwrite, report_progress)
-            continue
-        except VolatoolError as error:
-            failure = error
-        except Exception as error:  # a bug met on one tile must not stop a night's work
-            if len(paths) == 1:
-                raise
-            failure = VolatoolError(f"{path}: {type(error).__name__}: {error}")
-        logger.info("%s failed", path, exc_info=failure)
-        report = failed_report(path, failure, options)
-        del failure  # its traceback holds the tile's memory
-        yield report
-        if fail_fast:
-            return
+    sizes = [_size(path) for path in paths]
+    order = list(range(len(paths)))
+    if not executor.in_order:
+        order.sort(key=lambda index: -sizes[index])  # a large one begun last would end alone
+
+    def units() -> Iterator[Unit]:
+        for index in order:
+            yield Unit(index, paths[index], options, kind, outdir, overwrite)
+
+    watcher.planned(sizes, 0)
+    try:
+        with contextlib.closing(executor.results(units(), watcher)) as results:
+            for unit, result in results:
+                watcher.finished(unit, result)
+                yield result
+                if fail_fast and result.code is not None:
+                    return
+    finally:
+        watcher.ended()
 
 
-def _work(
-    path: Path,
-    options: ConvertOptions,
-    kind: str,
-    outdir: Path | None,
-    overwrite: bool,
-    progress: Progress,
-) -> Report:
-    if kind == "classify":
-        return classify_tile(path, options, outdir=outdir, overwrite=overwrite, progress=progress)
-    return convert_tile(
-        path, options, kind=kind, outdir=outdir, overwrite=overwrite, progress=progress
-    )
-
-
-def failed_report(path: Path, error: VolatoolError, options: ConvertOptions) -> Report:
-    """
-    Return the report of an input that could not be used.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The input.
-    error : VolatoolError
-        Why.
-    options : ConvertOptions
-        What was asked for.
-    """
-    return Report(
-        status="failed",
-        input={"name": path.name},
-        options=options.given(),
-        error={"code": error.code, "message": str(error)},
-    )
+def _size(path: Path) -> int:
+    identity = identify(path)
+    return 0 if identity is None else int(identity["size"])
