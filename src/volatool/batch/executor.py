@@ -23,7 +23,7 @@ class Watcher:
         Parameters
         ----------
         sizes : sequence of int
-            Bytes of each input, by index; 0 where that is unknown or nothing is to be done.
+            Bytes of each input, by index; 0 for those that are done already, 1 where it is unknown.
         n_done : int
             Inputs that an earlier run has done.
         """

@@ -1,4 +1,4 @@
-"""One unit of work: an input and what is asked for, to outputs and a result, wherever it is done."""
+"""One unit of work: an input and what is asked for, to outputs and a result."""
 
 from __future__ import annotations
 
