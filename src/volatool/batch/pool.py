@@ -15,13 +15,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections import deque
 from collections.abc import Generator, Iterable, Iterator
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from volatool.batch.executor import Watcher
-from volatool.batch.work import Result, Unit, lost
+from volatool.batch.work import Result, Unit, Work, lost, perform
 from volatool.batch.worker import Advanced, Logged, Ready
 from volatool.errors import VolatoolError
 from volatool.outputs import sweep
@@ -48,19 +47,22 @@ class Pool:
         Number of processes.
     threads : int
         Cores that each may use.
+    work : callable
+        What they do with a unit: a function of a module.
     """
 
     in_order = False
 
-    def __init__(self, jobs: int, threads: int = 1) -> None:
+    def __init__(self, jobs: int, threads: int = 1, work: Work = perform) -> None:
         self.jobs = jobs
         self.threads = threads
+        self.work = work
 
     def results(
         self, units: Iterable[Unit], watcher: Watcher
     ) -> Generator[tuple[Unit, Result], None, None]:
         """Work on units; see `Executor.results`."""
-        run = _Run(self.jobs, self.threads, iter(units), watcher)
+        run = _Run(self, iter(units), watcher)
         try:
             yield from run.results()
         finally:
@@ -70,12 +72,12 @@ class Pool:
 class _Worker:
     """A process, the parent's end of its pipe, and the unit it works on."""
 
-    def __init__(self, threads: int) -> None:
+    def __init__(self, pool: Pool) -> None:
         self.pipe, end = multiprocessing.Pipe()
         # no fork: numba, GDAL and others have threads; no `multiprocessing.Process` either: that
         # runs the parent's main module once more, which need not be written for it
         command = [sys.executable, "-P", "-m", "volatool.batch.worker"]
-        command += [str(end.fileno()), str(threads), str(_log_level())]
+        command += [str(end.fileno()), str(pool.threads), str(_log_level())]
         try:
             with _without_interrupts():
                 self.process = subprocess.Popen(
@@ -91,12 +93,16 @@ class _Worker:
             end.close()  # the worker's own copy is the last one: its death ends the pipe
         self.unit: Unit | None = None
         self.is_ready = False
+        self._send(pool.work)
 
     def give(self, unit: Unit) -> None:
         """Send a unit to work on."""
         self.unit = unit
+        self._send(unit)
+
+    def _send(self, message: Any) -> None:
         with contextlib.suppress(OSError):  # it died just now: the pipe's end tells
-            self.pipe.send(unit)
+            self.pipe.send(message)
 
     def end(self) -> str:
         """Return how a worker that is gone ended."""
@@ -119,20 +125,18 @@ class _Worker:
 class _Run:
     """One run of a pool: its workers and what they have to do."""
 
-    def __init__(self, jobs: int, threads: int, units: Iterator[Unit], watcher: Watcher) -> None:
-        self.jobs, self.threads = jobs, threads
-        self.units, self.watcher = units, watcher
-        self.again: deque[Unit] = deque()
+    def __init__(self, pool: Pool, units: Iterator[Unit], watcher: Watcher) -> None:
+        self.pool, self.units, self.watcher = pool, units, watcher
         self.workers: dict[Connection, _Worker] = {}
         self.leaving: list[_Worker] = []
         self.n_false_starts = 0
 
     def results(self) -> Iterator[tuple[Unit, Result]]:
         """Yield results until there is no more to do."""
-        unit = self._next()
+        unit = next(self.units, None)
         while unit is not None:  # no more workers than units
             self._start(unit)
-            unit = self._next() if len(self.workers) < self.jobs else None
+            unit = next(self.units, None) if len(self.workers) < self.pool.jobs else None
         while self.workers:
             for pipe in wait(list(self.workers)):
                 assert isinstance(pipe, Connection)
@@ -144,11 +148,8 @@ class _Run:
                     continue
                 yield from self._take(worker, message)
 
-    def _next(self) -> Unit | None:
-        return self.again.popleft() if self.again else next(self.units, None)
-
     def _start(self, unit: Unit) -> None:
-        worker = _Worker(self.threads)
+        worker = _Worker(self.pool)
         self.workers[worker.pipe] = worker
         self._give(worker, unit)
 
@@ -167,7 +168,7 @@ class _Run:
         elif isinstance(message, Logged):
             logging.getLogger(message.record.name).handle(message.record)
         else:
-            following = self._next()
+            following = next(self.units, None)
             if following is None:
                 self._dismiss(worker)
             else:  # before the result is dealt with, so that the worker need not wait
@@ -201,7 +202,7 @@ class _Run:
             logger.warning("%s: its worker %s; it is tried once more", unit.path, how)
             following = unit.again()
         else:
-            following = self._next()
+            following = next(self.units, None)
         if following is not None:
             self._start(following)
         if unit.attempt >= ATTEMPTS:

@@ -79,7 +79,8 @@ def proven(
     Parameters
     ----------
     records : iterable of dict
-        Of a manifest, in order; the last one of an input counts.
+        Of a manifest, in order; the last one of an input counts, of whatever command: another one
+        may have replaced outputs.
     paths : sequence of pathlib.Path
         The inputs.
     kind : str
@@ -104,7 +105,7 @@ def proven(
     for record in records:
         try:
             index = index_of.get(record["input"]["path"])
-            if index is None or record["kind"] != kind:
+            if index is None:
                 continue
             home = folder or os.path.dirname(record["input"]["path"])  # noqa: PTH120  many
             is_done[index] = (

@@ -17,7 +17,7 @@ from volatool.batch.resume import options_digest, proven
 from volatool.batch.work import Result, Unit
 from volatool.classification import refuse_inputs
 from volatool.options import ConvertOptions
-from volatool.outputs import OutputSet, refuse_existing
+from volatool.outputs import OutputSet, refuse_existing, sweep
 from volatool.tile import planned_outputs
 from volatool.volumes import check_files
 
@@ -104,6 +104,10 @@ def run_inputs(
     elif not overwrite:
         for path in paths:
             refuse_existing(planned_outputs(path, options, kind, outdir), overwrite=False)
+    if kind != "stats":
+        for folder in {path.parent for path in paths} if outdir is None else [outdir]:
+            if folder.is_dir():
+                sweep(folder)
     sizes = array("q", (0 if is_done[i] else _size(path) for i, path in enumerate(paths)))
     order = array("q", (index for index, done in enumerate(is_done) if not done))
     if not executor.in_order:  # a large one begun last would end alone

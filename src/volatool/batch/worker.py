@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection
 from types import FrameType
 from typing import Any
 
-from volatool.batch.work import Unit, perform
+from volatool.batch.work import Unit, Work, perform
 
 _PAUSE_S = 0.1
 """Between two pieces of news about one unit."""
@@ -50,7 +50,8 @@ def run_worker(pipe: Connection, threads: int, log_level: int) -> None:
     Parameters
     ----------
     pipe : Connection
-        Gives `Unit`s; takes `Ready`, then `Advanced`, `Logged` and a `Result` for each unit.
+        Gives the function that does the work, then `Unit`s; takes `Ready`, then `Advanced`,
+        `Logged` and a `Result` for each unit.
     threads : int
         Cores that the worker may use.
     log_level : int
@@ -61,19 +62,17 @@ def run_worker(pipe: Connection, threads: int, log_level: int) -> None:
     # read when the libraries first start threads, which is later
     os.environ.setdefault("RAYON_NUM_THREADS", str(threads))
     os.environ.setdefault("OPENBLAS_NUM_THREADS", str(threads))
+    work: Work = pipe.recv()
     units: queue.SimpleQueue[Unit] = queue.SimpleQueue()
     threading.Thread(target=_listen, args=(pipe, units), daemon=True).start()
     sender = _Sender(pipe)
     _forward_log(sender, log_level)
-    _warm()
-
-    from volatool import resources
-
-    resources.return_freed_memory()
+    if work is perform:
+        _prepare()
     sender.send(Ready())
     while True:
         unit = units.get()
-        sender.send(perform(unit, sender.progress()))
+        sender.send(work(unit, _Progress(sender)))
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -104,10 +103,6 @@ class _Sender:
         except OSError:
             os._exit(0)
 
-    def progress(self) -> _Progress:
-        """Return a progress callback for one unit."""
-        return _Progress(self)
-
 
 class _Progress:
     """Sends a unit's progress now and then, and its end."""
@@ -137,10 +132,12 @@ def _forward_log(sender: _Sender, level: int) -> None:
     logger.addHandler(_LogSender(sender))  # type: ignore[arg-type]
 
 
-def _warm() -> None:
-    """Compile the kernels if the cache has none, in one worker, while the others wait."""
+def _prepare() -> None:
+    """Have the kernels compiled, if the cache has none, in one worker, while the others wait."""
+    from volatool import resources
     from volatool.kernels import _jit
 
+    resources.return_freed_memory()
     folder = _jit.writable_cache_dir()
     if folder is None:
         return
