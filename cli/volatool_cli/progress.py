@@ -21,6 +21,13 @@ _LEAST_WEIGHT = 1 << 16
 class Quiet(Watcher):
     """Shows nothing."""
 
+    n_skipped = 0
+    """Inputs that an earlier run has done."""
+
+    def planned(self, sizes: Sequence[int], n_done: int) -> None:
+        """Keep how many inputs are done already."""
+        self.n_skipped = n_done
+
     def aside(self) -> AbstractContextManager[Any]:
         """Return a context in which something else may be printed."""
         return nullcontext()
@@ -30,7 +37,7 @@ class Counting(Quiet):
     """Knows how much is done and how long the rest will take."""
 
     def __init__(self) -> None:
-        self.n_done = self.n_failed = self.n_skipped = self.n_tiles = 0
+        self.n_done = self.n_failed = self.n_tiles = 0
         self._weights: Sequence[int] = ()
         self._done: dict[int, float] = {}  # of the units being worked on
         self._finished = self._total = 0.0
@@ -38,9 +45,10 @@ class Counting(Quiet):
 
     def planned(self, sizes: Sequence[int], n_done: int) -> None:
         """Learn what is to be done."""
-        self._weights, self.n_skipped = sizes, n_done
-        self.n_tiles = len(sizes)
-        self._total = sum(max(size, _LEAST_WEIGHT) for size in sizes)
+        super().planned(sizes, n_done)
+        self._weights = sizes
+        self.n_tiles = len(sizes) - n_done
+        self._total = sum(max(size, _LEAST_WEIGHT) for size in sizes if size)
         self._began = time.monotonic()
 
     def started(self, unit: Unit) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Generator, Iterable, Sequence
 from functools import partial
 from typing import Protocol
 
-from volatool.batch.work import Result, Unit, perform
+from volatool.batch.work import Result, Unit, Work, perform
 
 
 class Watcher:
@@ -23,7 +23,7 @@ class Watcher:
         Parameters
         ----------
         sizes : sequence of int
-            Bytes of each input, by index; 0 where that is unknown or nothing is to be done.
+            Bytes of each input, by index; 0 for those that are done already, 1 where it is unknown.
         n_done : int
             Inputs that an earlier run has done.
         """
@@ -76,9 +76,19 @@ class Executor(Protocol):
 
 
 class Serial:
-    """Works in this process, on one unit after the other."""
+    """
+    Works in this process, on one unit after the other.
+
+    Parameters
+    ----------
+    work : callable
+        What is done with a unit.
+    """
 
     in_order = True
+
+    def __init__(self, work: Work = perform) -> None:
+        self.work = work
 
     def results(
         self, units: Iterable[Unit], watcher: Watcher
@@ -86,4 +96,4 @@ class Serial:
         """Work on units; see `Executor.results`."""
         for unit in units:
             watcher.started(unit)
-            yield unit, perform(unit, partial(watcher.advanced, unit))
+            yield unit, self.work(unit, partial(watcher.advanced, unit))

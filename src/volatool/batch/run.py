@@ -1,20 +1,30 @@
-"""Inputs through an executor to results; a failed one becomes a result and the rest go on."""
+"""Inputs through an executor to results and records; a failed one does not stop the rest."""
 
 from __future__ import annotations
 
 import contextlib
+import logging
+import os
+from array import array
 from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
 from volatool.batch.executor import Executor, Serial, Watcher
 from volatool.batch.identity import identify
+from volatool.batch.manifest import Manifest, absolute, read_records, record_of
 from volatool.batch.plan import refuse_collisions
+from volatool.batch.resume import options_digest, proven
 from volatool.batch.work import Result, Unit
 from volatool.classification import refuse_inputs
 from volatool.options import ConvertOptions
-from volatool.outputs import refuse_existing
+from volatool.outputs import OutputSet, refuse_existing, sweep
 from volatool.tile import planned_outputs
 from volatool.volumes import check_files
+
+FAILED_NAME = "failed.txt"
+"""File beside the manifest that lists the inputs that failed, for ``@failed.txt``."""
+
+logger = logging.getLogger(__name__)
 
 
 def run_inputs(
@@ -27,6 +37,9 @@ def run_inputs(
     fail_fast: bool = False,
     executor: Executor | None = None,
     watcher: Watcher | None = None,
+    manifest: Manifest | None = None,
+    resume: bool = False,
+    verify: bool = False,
 ) -> Generator[Result, None, None]:
     """
     Work on inputs.
@@ -49,6 +62,13 @@ def run_inputs(
         Where the work is done; in this process by default.
     watcher : Watcher, optional
         Told how it gets on.
+    manifest : Manifest, optional
+        Gets a record of each input, before its result is yielded.
+    resume : bool
+        Leave out inputs that the manifest proves done; do the others, whatever outputs of theirs a
+        killed run has left.
+    verify : bool
+        Have the manifest's proof include the content of the outputs.
 
     Yields
     ------
@@ -66,33 +86,75 @@ def run_inputs(
     check_files(options)
     if kind != "stats":
         refuse_collisions(paths, outdir)
-        if kind == "classify":
-            refuse_inputs(list(paths), options, outdir)
-        refuse_existing(
-            [target for path in paths for target in planned_outputs(path, options, kind, outdir)],
-            overwrite,
+    if kind == "classify":
+        refuse_inputs(list(paths), options, outdir)
+    digest = "" if manifest is None else options_digest(options, kind)
+    is_done = bytearray(len(paths))
+    if resume:
+        assert manifest is not None
+        is_done = proven(
+            read_records(manifest.path),
+            paths,
+            kind=kind,
+            options=digest,
+            outdir=outdir,
+            verify=verify,
         )
-    sizes = [_size(path) for path in paths]
-    order = list(range(len(paths)))
-    if not executor.in_order:
-        order.sort(key=lambda index: -sizes[index])  # a large one begun last would end alone
+        logger.warning("%d of %d inputs are done already", sum(is_done), len(paths))
+    elif not overwrite:
+        for path in paths:
+            refuse_existing(planned_outputs(path, options, kind, outdir), overwrite=False)
+    if kind != "stats":
+        for folder in {path.parent for path in paths} if outdir is None else [outdir]:
+            if folder.is_dir():
+                sweep(folder)
+    sizes = array("q", (0 if is_done[i] else _size(path) for i, path in enumerate(paths)))
+    order = array("q", (index for index, done in enumerate(is_done) if not done))
+    if not executor.in_order:  # a large one begun last would end alone
+        order = array("q", sorted(order, key=lambda index: -sizes[index]))
 
     def units() -> Iterator[Unit]:
         for index in order:
-            yield Unit(index, paths[index], options, kind, outdir, overwrite)
+            yield Unit(
+                index,
+                paths[index],
+                options,
+                kind,
+                outdir,
+                overwrite=overwrite or resume,
+                with_digests=manifest is not None,
+            )
 
-    watcher.planned(sizes, 0)
+    failed: list[str] = []
+    watcher.planned(sizes, sum(is_done))
     try:
         with contextlib.closing(executor.results(units(), watcher)) as results:
             for unit, result in results:
+                if manifest is not None:
+                    manifest.append(record_of(unit, result, digest))
+                if result.code is not None:
+                    failed.append(absolute(unit.path))
                 watcher.finished(unit, result)
                 yield result
                 if fail_fast and result.code is not None:
                     return
     finally:
         watcher.ended()
+        if manifest is not None:
+            _list_failed(manifest.path.with_name(FAILED_NAME), failed)
 
 
 def _size(path: Path) -> int:
     identity = identify(path)
-    return 0 if identity is None else int(identity["size"])
+    return 1 if identity is None else max(1, int(identity["size"]))
+
+
+def _list_failed(path: Path, failed: Sequence[str]) -> None:
+    """Write the list of inputs that failed; without any there is no list."""
+    if not failed:
+        path.unlink(missing_ok=True)
+        return
+    with OutputSet(overwrite=True) as outputs:
+        text = "".join(f"{name}\n" for name in failed)
+        outputs.add(path).write_bytes(os.fsencode(text))
+        outputs.commit()

@@ -1,13 +1,14 @@
-"""One unit of work: an input and what is asked for, to outputs and a result, wherever it is done."""
+"""One unit of work: an input and what is asked for, to outputs and a result."""
 
 from __future__ import annotations
 
 import hashlib
 import logging
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 from volatool.batch.identity import Identity, identify
 from volatool.errors import ResourceError, VolatoolError
@@ -102,6 +103,10 @@ class Result:
     def code(self) -> str | None:
         """The code of the error; None if there was none."""
         return None if self.report.error is None else self.report.error["code"]
+
+
+Work: TypeAlias = Callable[[Unit, Progress], Result]
+"""What is done with a unit: `perform`, and simulations of it."""
 
 
 def perform(unit: Unit, progress: Progress = no_progress) -> Result:
