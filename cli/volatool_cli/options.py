@@ -192,13 +192,21 @@ memory = click.option(
     help="Ceiling for the whole run, kept by spilling to temporary files; --jobs share it.",
 )
 
-jobs = click.option(
-    "-j",
-    "--jobs",
-    type=JobsType(),
-    default="1",
-    show_default=True,
-    help="Processes that work at once; auto: as many as cores and --memory allow.",
+jobs = group(
+    click.option(
+        "-j",
+        "--jobs",
+        type=JobsType(),
+        default="1",
+        show_default=True,
+        help="Processes that work at once; auto: as many as cores and --memory allow.",
+    ),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Work on a Dask cluster (extra dask): tcp://HOST:PORT, whose workers each get "
+        "--memory; or local, --jobs workers of its own.",
+    ),
 )
 
 record = group(

@@ -59,7 +59,8 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         raise OptionError("--outdir is an empty name; is a shell variable unset?")
     folder = None if outdir is None else Path(outdir)
 
-    jobs, record = arguments.pop("jobs"), arguments.pop("manifest", None)
+    jobs, scheduler = arguments.pop("jobs"), arguments.pop("scheduler")
+    record = arguments.pop("manifest", None)
     resume, verify = arguments.pop("resume", False), arguments.pop("verify", False)
     if resume and record is None:
         raise OptionError("--resume needs the --manifest of the run before")
@@ -81,7 +82,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
             paths = _not_done(paths, options, kind, folder, Path(record), verify)
         _dry_run(paths, options, kind, folder, overwrite or resume)
         return
-    executor, options = _executor(jobs, options, len(paths))
+    executor, options = _executor(jobs, scheduler, options, len(paths))
     reports: dict[int, Report] = {}
     codes, n_inputs = [], 0
     watcher = watcher_of(show_progress, quiet)
@@ -100,19 +101,25 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
             verify=verify,
         )
         stack.enter_context(contextlib.closing(results))
-        for result in results:
-            report = result.report
-            n_inputs += 1
-            with watcher.aside():
-                if report.error is not None:
-                    codes.append(report.error["code"])
-                    click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
-                elif report.input is not None:
-                    say_warnings(report.input["name"], report.warnings, quiet)
-                if kind != "stats":
-                    _print_result(report, as_json)
-            if kind == "stats":
-                reports[result.index] = report
+        try:
+            for result in results:
+                report = result.report
+                n_inputs += 1
+                with watcher.aside():
+                    if report.error is not None:
+                        codes.append(report.error["code"])
+                        click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
+                    elif report.input is not None:
+                        say_warnings(report.input["name"], report.warnings, quiet)
+                    if kind != "stats":
+                        _print_result(report, as_json)
+                if kind == "stats":
+                    reports[result.index] = report
+        except VolatoolError as error:  # not a tile's: there is nobody left to work
+            if n_inputs == len(codes):
+                raise
+            click.echo(f"{error.code}: {error}", err=True)
+            sys.exit(ExitCode.SOME_FAILED)
     if kind == "stats":
         _print_stats([reports[index] for index in sorted(reports)], form, summary)
     if codes:
@@ -120,14 +127,22 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
 
 
 def _executor(
-    jobs: int | None, options: ConvertOptions, n_inputs: int
+    jobs: int | None, scheduler: str | None, options: ConvertOptions, n_inputs: int
 ) -> tuple[Executor, ConvertOptions]:
     """Return where the work is done, and the options with each process's share of the memory."""
     from volatool.batch.executor import Serial
     from volatool.batch.jobs import share_out
     from volatool.batch.pool import Pool
 
+    if scheduler not in (None, "local"):
+        from volatool.batch.cluster import Cluster
+
+        return Cluster(scheduler), options
     share = share_out(jobs, options.memory, n_inputs)
+    if scheduler == "local":
+        from volatool.batch.cluster import Cluster
+
+        return Cluster(scheduler, share.jobs, share.threads), replace(options, memory=share.memory)
     executor = Serial() if share.jobs == 1 else Pool(share.jobs, share.threads)
     return executor, replace(options, memory=share.memory)
 

@@ -1,7 +1,7 @@
 """Work on a real Dask cluster on loopback: a scheduler and workers in processes of their own."""
 
 import contextlib
-import os
+import json
 import shutil
 import signal
 import subprocess
@@ -36,8 +36,6 @@ class Processes:
 
     @property
     def address(self):
-        import json
-
         return json.loads(self.file.read_text())["address"]
 
     def _start(self, what, *options):
@@ -96,7 +94,8 @@ def converted(tiles, outdir, executor=None):
 
 
 def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
+    # names with a dot are what a killed worker was writing: the next run removes them
+    return {p.name: p.read_bytes() for p in folder.iterdir() if not p.name.startswith(".")}
 
 
 @pytest.fixture
@@ -185,4 +184,4 @@ def test_no_scheduler_and_other_versions_are_told(cluster, tiles, tmp_path, monk
     with pytest.raises(VolatoolError, match="install the same on all") as caught:
         converted(tiles, tmp_path / "out", Cluster(cluster.address))
     assert caught.value.code == "E_CLUSTER"
-    assert not (tmp_path / "out").exists() or not os.listdir(tmp_path / "out")
+    assert not (tmp_path / "out").exists()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import os
 import queue
@@ -17,6 +18,7 @@ from typing import Any
 from volatool._version import __version__
 from volatool.batch.executor import Watcher
 from volatool.batch.work import Result, Unit, lost, perform
+from volatool.batch.worker import prepare
 from volatool.errors import OptionError, VolatoolError
 
 try:
@@ -59,8 +61,6 @@ class Cluster:
         Workers of a local cluster.
     threads : int
         Cores of each worker of a local cluster.
-    memory : int
-        Bytes that each worker of a local cluster may use.
 
     Notes
     -----
@@ -75,9 +75,9 @@ class Cluster:
 
     in_order = False
 
-    def __init__(self, address: str, jobs: int = 1, threads: int = 1, memory: int = 0) -> None:
+    def __init__(self, address: str, jobs: int = 1, threads: int = 1) -> None:
         self.address = address
-        self.jobs, self.threads, self.memory = jobs, threads, memory
+        self.jobs, self.threads = jobs, threads
 
     def results(
         self, units: Iterable[Unit], watcher: Watcher
@@ -147,7 +147,7 @@ class _Run:
         self.client, self.units, self.watcher = client, units, watcher
         self.topic = f"volatool-{uuid.uuid4().hex}"
         self.news: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self.at_work: dict[distributed.Future, Unit] = {}
+        self.at_work: dict[distributed.Future[Any], Unit] = {}
         self.stopping = distributed.Event(self.topic, client=client)
         self.folder = str(Path.cwd())
         self.resources: dict[str, int] | None = None
@@ -228,7 +228,7 @@ class _Run:
         if self.client.status in ("closed", "closing"):
             raise _gone()
 
-    def _result(self, unit: Unit, future: distributed.Future) -> Result:
+    def _result(self, unit: Unit, future: distributed.Future[Any]) -> Result:
         """Return what a future has become."""
         if future.status == "finished":
             result: Result = future.result()
@@ -278,9 +278,15 @@ def _perform(unit: Unit, folder: str, topic: str) -> Result:
             os.chdir(folder)
         try:
             news.stop_if_asked()
+            _prepare_once()
             return perform(replace(unit, threads=worker.state.nthreads), news)
         except _Stopped:
             return lost(unit, "was stopped")
+
+
+@functools.cache
+def _prepare_once() -> None:
+    prepare()
 
 
 class _News:

@@ -68,7 +68,7 @@ def run_worker(pipe: Connection, threads: int, log_level: int) -> None:
     sender = _Sender(pipe)
     _forward_log(sender, log_level)
     if work is perform:
-        _prepare()
+        prepare()
     sender.send(Ready())
     while True:
         unit = units.get()
@@ -132,7 +132,7 @@ def _forward_log(sender: _Sender, level: int) -> None:
     logger.addHandler(_LogSender(sender))  # type: ignore[arg-type]
 
 
-def _prepare() -> None:
+def prepare() -> None:
     """Have the kernels compiled, if the cache has none, in one worker, while the others wait."""
     from volatool import resources
     from volatool.kernels import _jit
