@@ -101,10 +101,8 @@ def run_inputs(
             verify=verify,
         )
         logger.warning("%d of %d inputs are done already", sum(is_done), len(paths))
-    elif not overwrite:
-        for path in paths:
-            refuse_existing(planned_outputs(path, options, kind, outdir), overwrite=False)
     if kind != "stats":
+        _refuse_outputs(paths, is_done, options, kind, outdir, overwrite=overwrite or resume)
         for folder in {path.parent for path in paths} if outdir is None else [outdir]:
             if folder.is_dir():
                 sweep(folder)
@@ -142,6 +140,26 @@ def run_inputs(
         watcher.ended()
         if manifest is not None:
             _list_failed(manifest.path.with_name(FAILED_NAME), failed)
+
+
+def _refuse_outputs(
+    paths: Sequence[Path],
+    is_done: Sequence[int],
+    options: ConvertOptions,
+    kind: str,
+    outdir: Path | None,
+    *,
+    overwrite: bool,
+) -> None:
+    """Raise if an output can't be written; some inputs at a time, as they may be very many."""
+    for start in range(0, len(paths), 1000):
+        targets = [
+            target
+            for index in range(start, min(start + 1000, len(paths)))
+            if not is_done[index]
+            for target in planned_outputs(paths[index], options, kind, outdir)
+        ]
+        refuse_existing(targets, overwrite)
 
 
 def _size(path: Path) -> int:
