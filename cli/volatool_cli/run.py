@@ -73,7 +73,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
 
     from volatool import resources
     from volatool.batch.manifest import Manifest
-    from volatool.batch.run import run_inputs
+    from volatool.batch.run import in_order, run_inputs
 
     resources.return_freed_memory()
     if dry_run:
@@ -82,7 +82,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         _dry_run(paths, options, kind, folder, overwrite or resume)
         return
     executor, options = _executor(jobs, options, len(paths))
-    reports: dict[int, Report] = {}
+    reports: list[Report] = []
     codes, n_inputs = [], 0
     watcher = watcher_of(show_progress, quiet)
     with contextlib.ExitStack() as stack:
@@ -100,7 +100,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
             verify=verify,
         )
         stack.enter_context(contextlib.closing(results))
-        for result in results:
+        for result in in_order(results) if kind == "stats" else results:
             report = result.report
             n_inputs += 1
             with watcher.aside():
@@ -112,9 +112,9 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
                 if kind != "stats":
                     _print_result(report, as_json)
             if kind == "stats":
-                reports[result.index] = report
+                reports.append(report)
     if kind == "stats":
-        _print_stats([reports[index] for index in sorted(reports)], form, summary)
+        _print_stats(reports, form, summary)
     if codes:
         sys.exit(_status(codes, n_inputs + watcher.n_skipped))
 

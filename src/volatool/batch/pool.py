@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Generator, Iterable, Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
@@ -154,7 +155,7 @@ class _Run:
         self._give(worker, unit)
 
     def _give(self, worker: _Worker, unit: Unit) -> None:
-        worker.give(unit)
+        worker.give(replace(unit, threads=self.pool.threads))
         self.watcher.started(unit)
 
     def _take(self, worker: _Worker, message: Any) -> Iterator[tuple[Unit, Result]]:
