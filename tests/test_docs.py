@@ -26,6 +26,7 @@ PAGES = [
     "docs/how-to/import.md",
     "docs/how-to/query.md",
     "docs/how-to/space.md",
+    "docs/reference/manifest.md",
 ]
 
 

@@ -74,7 +74,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
 
     from volatool import resources
     from volatool.batch.manifest import Manifest
-    from volatool.batch.run import run_inputs
+    from volatool.batch.run import in_order, run_inputs
 
     resources.return_freed_memory()
     if dry_run:
@@ -83,7 +83,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         _dry_run(paths, options, kind, folder, overwrite or resume)
         return
     executor, options = _executor(jobs, scheduler, options, len(paths))
-    reports: dict[int, Report] = {}
+    reports: list[Report] = []
     codes, n_inputs = [], 0
     watcher = watcher_of(show_progress, quiet)
     with contextlib.ExitStack() as stack:
@@ -102,7 +102,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         )
         stack.enter_context(contextlib.closing(results))
         try:
-            for result in results:
+            for result in in_order(results) if kind == "stats" else results:
                 report = result.report
                 n_inputs += 1
                 with watcher.aside():
@@ -114,14 +114,14 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
                     if kind != "stats":
                         _print_result(report, as_json)
                 if kind == "stats":
-                    reports[result.index] = report
+                    reports.append(report)
         except VolatoolError as error:  # not a tile's: there is nobody left to work
             if n_inputs == len(codes):
                 raise
             click.echo(f"{error.code}: {error}", err=True)
             sys.exit(ExitCode.SOME_FAILED)
     if kind == "stats":
-        _print_stats([reports[index] for index in sorted(reports)], form, summary)
+        _print_stats(reports, form, summary)
     if codes:
         sys.exit(_status(codes, n_inputs + watcher.n_skipped))
 

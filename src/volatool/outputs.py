@@ -158,15 +158,15 @@ def refuse_existing(targets: list[Path], overwrite: bool) -> None:
 def sweep(folder: Path) -> None:
     """Remove temporary files of this machine's runs that are no longer alive."""
     try:
-        entries = list(folder.iterdir())
+        with os.scandir(folder) as entries:  # there may be a million outputs in it
+            matches = [match for entry in entries if (match := _TEMPORARY.fullmatch(entry.name))]
     except OSError as error:
         raise write_error(folder, error) from error
-    for entry in entries:
-        match = _TEMPORARY.fullmatch(entry.name)
+    for match in matches:
         # the folder may be shared: of another machine's processes we know nothing
-        if match and match["host"] == _HOST[:24] and not _is_alive(int(match["pid"])):
+        if match["host"] == _HOST[:24] and not _is_alive(int(match["pid"])):
             with contextlib.suppress(OSError):
-                entry.unlink()
+                (folder / match.string).unlink()
 
 
 def write_error(path: object, error: OSError) -> OutputError:

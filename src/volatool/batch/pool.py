@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Generator, Iterable, Iterator
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
@@ -154,7 +155,7 @@ class _Run:
         self._give(worker, unit)
 
     def _give(self, worker: _Worker, unit: Unit) -> None:
-        worker.give(unit)
+        worker.give(replace(unit, threads=self.pool.threads))
         self.watcher.started(unit)
 
     def _take(self, worker: _Worker, message: Any) -> Iterator[tuple[Unit, Result]]:
@@ -249,4 +250,5 @@ def _without_interrupts() -> Iterator[None]:
 def _log_level() -> int:
     """Return the least level that a handler of volatool's log takes."""
     handlers = logging.getLogger("volatool").handlers
-    return min((handler.level for handler in handlers), default=logging.WARNING)
+    # 0 would not be the least level but the root logger's
+    return max(1, min((handler.level for handler in handlers), default=logging.WARNING))
