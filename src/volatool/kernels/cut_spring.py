@@ -15,102 +15,141 @@ from volatool.kernels._jit import kernel
 
 
 @kernel
-def cut_row_bend(step_above, step_below, edges, r, out):
+def cut_bends(above, here, bends):
     """
-    Second differences down the columns at row r, times their factors.
+    Multiply second differences down the columns by their factors.
 
     Parameters
     ----------
-    step_above, step_below : (w + 2,) arrays of float
-        `spring.row_step` of rows r - 1 and r.
-    edges : (h, k, w) array of float32
-        Factors.
-    r : int
-        Row.
-    out : (w + 2,) array of float
-        Set; zero at the first and last row.
+    above, here : (k, w) arrays of float32
+        Factors of the row above and of the row.
+    bends : (w,) array of float
+        Changed in place.
     """
-    h, _, w = edges.shape
-    out[:] = 0.0
-    if 1 <= r < h - 1:
-        above, below = edges[r - 1, 1], edges[r, 1]
-        over, under, inner = step_above[1:], step_below[1:], out[1:]
-        for q in range(w):
-            inner[q] = min(above[q], below[q]) * (under[q] - over[q])
+    over, under = above[1], here[1]
+    for q in range(bends.size):
+        bends[q] *= min(over[q], under[q])
 
 
 @kernel
-def cut_row_flux(step, bend_above, bend_below, edges, r, kb, km, out):
+def cut_row(rows, here, above, kb, km, is_bent, bends, fluxes, acc, edges, edges_below):
     """
-    Force that passes from row r to row r + 1 through the springs that are left.
+    `product.product_row` with the springs that are left.
 
     Parameters
     ----------
-    step : (w + 2,) array of float
-        `spring.row_step` of row r.
-    bend_above, bend_below : (w + 2,) arrays of float
-        `cut_row_bend` of rows r and r + 1.
-    edges : (h, k, w) array of float32
-        Factors.
-    r : int
-        Row; nothing passes out of the grid.
-    kb, km : float
-        Stiffness.
-    out : (w,) array of float
-        Set; node r gets it, node r + 1 its opposite.
+    rows, here, above, kb, km, is_bent, bends, fluxes, acc
+        As for `product.whole_row`.
+    edges, edges_below : (k, w) arrays of float32
+        Factors of the row and of the one below it.
     """
-    h, _, w = edges.shape
-    if not 0 <= r < h - 1:
-        out[:] = 0.0
-        return
-    twists = np.zeros(w + 1, out.dtype)
-    inner, middle, after = twists[1:], step[1:], step[2:]
-    east, south, beyond = edges[r, 0], edges[r, 1], edges[r, 1][1:]
-    east_below = edges[r + 1, 0]
-    for q in range(w - 1):
-        factor = min(min(east[q], east_below[q]), min(south[q], beyond[q]))
-        inner[q] = factor * (after[q] - middle[q])
-    above, below = bend_above[1:], bend_below[1:]
-    for q in range(w):
-        twist = inner[q] - twists[q]
-        out[q] = kb * ((below[q] - above[q]) + (twist + twist)) - km * (south[q] * middle[q])
+    upper, middle, lower, lowest = rows
+    w = middle.size
+    arrays = (here, above, kb, km, is_bent, bends, fluxes, acc, edges, edges_below)
+    for q in range(min(2, w)):
+        cut_node(rows, *arrays, q)
+    for q in range(max(2, w - 2), w):
+        cut_node(rows, *arrays, q)
+    # as in `whole_row`, index q stands for column q + 2
+    x1, x2, x3, x4 = middle[1:], middle[2:], middle[3:], middle[4:]
+    up1, up2, up3 = upper[1:], upper[2:], upper[3:]
+    down1, down2, down3, deep2 = lower[1:], lower[2:], lower[3:], lowest[2:]
+    d0, d1, d1_west = here[0][2:], here[1][2:], here[1][1:]
+    d2, d3, d4 = here[2][2:], here[3][2:], here[4][2:]
+    u2, u3, u4 = above[2][2:], above[3][1:], above[4][3:]
+    bend_here, flux, out = bends[2:], fluxes[2:], acc[2:]
+    e0, e1, e2, e3 = edges[0], edges[0][1:], edges[0][2:], edges[0][3:]
+    s1, s2, s3 = edges[1][1:], edges[1][2:], edges[1][3:]
+    e1_below, e2_below, s2_below = edges_below[0][1:], edges_below[0][2:], edges_below[1][2:]
+    zero = middle.dtype.type(0)
+    for q in range(w - 4):
+        step = down2[q] - x2[q]
+        bend = min(s2[q], s2_below[q]) * ((deep2[q] - down2[q]) - step) if is_bent else zero
+        square = min(min(e2[q], e2_below[q]), min(s2[q], s3[q]))
+        square_west = min(min(e1[q], e1_below[q]), min(s1[q], s2[q]))
+        after, before = down3[q] - x3[q], down1[q] - x1[q]
+        twist = square * (after - step) - square_west * (step - before)
+        below = kb * ((bend - bend_here[q]) + (twist + twist)) - km * (s2[q] * step)
+        west = min(e0[q], e1[q]) * ((x2[q] - x1[q]) - (x1[q] - middle[q]))
+        mid = min(e1[q], e2[q]) * ((x3[q] - x2[q]) - (x2[q] - x1[q]))
+        east = min(e2[q], e3[q]) * ((x4[q] - x3[q]) - (x3[q] - x2[q]))
+        force = (below - flux[q]) + kb * ((east - mid) - (mid - west))
+        force -= km * (e2[q] * (x3[q] - x2[q]))
+        force += km * (e1[q] * (x2[q] - x1[q]))
+        force += d0[q] * x2[q] + d2[q] * down2[q] + u2[q] * up2[q]
+        force += d1[q] * x3[q] + d3[q] * down3[q] + u4[q] * up3[q]
+        force += d1_west[q] * x1[q] + d4[q] * down1[q] + u3[q] * up1[q]
+        bend_here[q] = bend
+        flux[q] = below
+        out[q] = force
 
 
 @kernel
-def cut_across(x, edges, r, kb, km, across, acc):
+def cut_node(rows, here, above, kb, km, is_bent, bends, fluxes, acc, edges, edges_below, q):
     """
-    Add the springs along row r to its row of the product.
+    One node of `cut_row`, near the ends of the row too.
 
     Parameters
     ----------
-    x : (h, w) array of float
+    rows, here, above, kb, km, is_bent, bends, fluxes, acc, edges, edges_below
+        As for `cut_row`.
+    q : int
+        Column.
+    """
+    upper, middle, lower, lowest = rows
+    w = middle.size
+    zero = middle.dtype.type(0)
+    east, south, east_below = edges[0], edges[1], edges_below[0]
+    step = lower[q] - middle[q]
+    bend = min(south[q], edges_below[1, q]) * ((lowest[q] - lower[q]) - step) if is_bent else zero
+    twist = zero
+    if q + 1 < w:
+        square = min(min(east[q], east_below[q]), min(south[q], south[q + 1]))
+        twist += square * ((lower[q + 1] - middle[q + 1]) - step)
+    if q > 0:
+        square = min(min(east[q - 1], east_below[q - 1]), min(south[q - 1], south[q]))
+        twist -= square * (step - (lower[q - 1] - middle[q - 1]))
+    below = kb * ((bend - bends[q]) + (twist + twist)) - km * (south[q] * step)
+    left, mid = cut_second(middle, east, q - 1), cut_second(middle, east, q)
+    right = cut_second(middle, east, q + 1)
+    force = (below - fluxes[q]) + kb * ((right - mid) - (mid - left))
+    if q + 1 < w:
+        force -= km * (east[q] * (middle[q + 1] - middle[q]))
+    if q > 0:
+        force += km * (east[q - 1] * (middle[q] - middle[q - 1]))
+    force += here[0, q] * middle[q] + here[2, q] * lower[q] + above[2, q] * upper[q]
+    if q + 1 < w:
+        force += (
+            here[1, q] * middle[q + 1] + here[3, q] * lower[q + 1] + above[4, q + 1] * upper[q + 1]
+        )
+    if q > 0:
+        force += (
+            here[1, q - 1] * middle[q - 1]
+            + here[4, q] * lower[q - 1]
+            + above[3, q - 1] * upper[q - 1]
+        )
+    bends[q] = bend
+    fluxes[q] = below
+    acc[q] = force
+
+
+@kernel
+def cut_second(row, east, q):
+    """
+    Second difference along a row, times its factor; zero at its ends and beyond.
+
+    Parameters
+    ----------
+    row : (w,) array of float
         Heights.
-    edges : (h, k, w) array of float32
-        Factors.
-    r : int
-        Row.
-    kb, km : float
-        Stiffness.
-    across : (w + 2,) array of float
-        Work space; its two first and last entries must be zero, and stay so.
-    acc : (w,) array of float
-        Added to.
+    east : (w,) array of float32
+        Factors of the row's edges.
+    q : int
+        Column.
     """
-    w = x.shape[1]
-    east = edges[r, 0]
-    middle = x[r]
-    x1, x2, east1 = middle[1:], middle[2:], east[1:]
-    inner = across[2:]
-    for q in range(w - 2):
-        inner[q] = min(east[q], east1[q]) * ((x2[q] - x1[q]) - (x1[q] - middle[q]))
-    c1 = across[1:]
-    for q in range(w):
-        acc[q] += kb * ((inner[q] - c1[q]) - (c1[q] - across[q]))
-    for q in range(w - 1):
-        acc[q] -= km * (east[q] * (x1[q] - middle[q]))
-    west = acc[1:]
-    for q in range(w - 1):
-        west[q] += km * (east[q] * (x1[q] - middle[q]))
+    if 1 <= q < row.size - 1:
+        return min(east[q - 1], east[q]) * ((row[q + 1] - row[q]) - (row[q] - row[q - 1]))
+    return row.dtype.type(0)
 
 
 @kernel
