@@ -157,7 +157,8 @@ class _Work:
         self.scratch = evidence.scratch
         self.finest = hierarchy.levels[0]
         self.shape = evidence.shape
-        self.dots, self.largest = np.empty((2, self.shape[0]))
+        self.dots = np.empty(self.shape[0])
+        self.largest = np.empty(self.shape[0], np.uint32)
         self.moved = 0.0
 
     def _zeros(self) -> F64:
@@ -209,7 +210,7 @@ class _Work:
             lambda *rows: conjugate.measure(residual, x, *rows, self.dots, self.largest),
             *(residual, x),
         )
-        return math.fsum(self.dots), float(self.largest.max())
+        return math.fsum(self.dots), float(self.largest.max().view(np.float32))
 
     def advance(self, beta: float) -> float:
         """Move along the last direction, turn to the next one p; return p . H p."""

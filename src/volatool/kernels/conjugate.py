@@ -37,16 +37,15 @@ def advance(z, p, x, moved, beta, data, kb, km, product, dots, start, stop, edge
     """
     h, w = p.shape
     carry = np.empty((2, w), p.dtype)
-    nothing = np.zeros((5, w), data.dtype)
-    start_carry(data, p, start, h, kb, km, carry, nothing, product[start], edges)
+    nothing = np.zeros((1, 5, w), data.dtype)
+    start_carry(data, p, -1, start, h, kb, km, carry, 0, nothing, product, start, edges)
     for t in range(start + 2 if start > 0 else 0, stop + 2):
         if t < h:
             turn_row(z[t], p[t], x[t], moved, beta)
         r = t - 2
         if r >= start:
-            acc = product[r]
-            product_row(data, p, r, h, kb, km, carry, nothing, acc, edges)
-            dots[r] = dot_row(p[r], acc)
+            product_row(data, p, -1, r, h, kb, km, carry, 0, nothing, product, r, edges)
+            dots[r] = dot_row(p[r], product[r])
 
 
 @kernel
@@ -118,14 +117,19 @@ def measure(residual, x, start, stop, dots, largest):
         Preconditioned residual.
     start, stop : int
         Rows.
-    dots, largest : (h,) arrays of float64
-        Set: ``residual . x``, largest ``|x|``.
+    dots : (h,) array of float64
+        ``residual . x``, set.
+    largest : (h,) array of uint32
+        Set to the bits of the largest ``|x|``, which are in the order of the numbers, NaN above all:
+        unlike that of floats, their maximum is vector code.
     """
+    bits = x.view(np.uint32)
+    without_sign = np.uint32(0x7FFFFFFF)
     for r in range(start, stop):
         dots[r] = dot_row(residual[r], x[r])
-        top = 0.0
-        for value in x[r]:
-            top = max(top, abs(value))
+        top = np.uint32(0)
+        for q in range(x.shape[1]):
+            top = max(top, bits[r, q] & without_sign)
         largest[r] = top
 
 

@@ -13,143 +13,171 @@ import numpy as np
 
 from volatool.kernels._jit import kernel
 
+ONE, TWO = np.uint64(1), np.uint64(2)
+
 
 @kernel
-def cut_bends(above, here, bends):
+def cut_bend(edges, r, carry, c):
     """
     Multiply second differences down the columns by their factors.
 
     Parameters
     ----------
-    above, here : (k, w) arrays of float32
-        Factors of the row above and of the row.
-    bends : (w,) array of float
-        Changed in place.
+    edges : (h, k, w) array of float32
+        Factors.
+    r : int
+        Row, not the first.
+    carry : (n, w) array of float
+        Row c is changed in place.
+    c : int
+        Row of `carry`.
     """
-    over, under = above[1], here[1]
-    for q in range(bends.size):
-        bends[q] *= min(over[q], under[q])
+    for q in range(edges.shape[2]):
+        carry[c, q] *= min(edges[r - 1, 1, q], edges[r, 1, q])
 
 
 @kernel
-def cut_row(rows, here, above, kb, km, is_bent, bends, fluxes, acc, edges, edges_below):
+def cut_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below):
     """
     `product.product_row` with the springs that are left.
 
     Parameters
     ----------
-    rows, here, above, kb, km, is_bent, bends, fluxes, acc
+    x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a
         As for `product.whole_row`.
-    edges, edges_below : (k, w) arrays of float32
-        Factors of the row and of the one below it.
+    edges : (h, k, w) array of float32
+        Factors.
+    below : int
+        The row below the row, or the row itself if it is the last.
     """
     upper, middle, lower, lowest = rows
-    w = middle.size
-    arrays = (here, above, kb, km, is_bent, bends, fluxes, acc, edges, edges_below)
+    w = x.shape[1]
+    springs = (kb, km, is_bent, carry, c, acc, a, edges, below)
     for q in range(min(2, w)):
-        cut_node(rows, *arrays, q)
+        cut_node(x, rows, data, r, over, above, *springs, q)
     for q in range(max(2, w - 2), w):
-        cut_node(rows, *arrays, q)
-    # as in `whole_row`, index q stands for column q + 2
-    x1, x2, x3, x4 = middle[1:], middle[2:], middle[3:], middle[4:]
-    up1, up2, up3 = upper[1:], upper[2:], upper[3:]
-    down1, down2, down3, deep2 = lower[1:], lower[2:], lower[3:], lowest[2:]
-    d0, d1, d1_west = here[0][2:], here[1][2:], here[1][1:]
-    d2, d3, d4 = here[2][2:], here[3][2:], here[4][2:]
-    u2, u3, u4 = above[2][2:], above[3][1:], above[4][3:]
-    bend_here, flux, out = bends[2:], fluxes[2:], acc[2:]
-    e0, e1, e2, e3 = edges[0], edges[0][1:], edges[0][2:], edges[0][3:]
-    s1, s2, s3 = edges[1][1:], edges[1][2:], edges[1][3:]
-    e1_below, e2_below, s2_below = edges_below[0][1:], edges_below[0][2:], edges_below[1][2:]
-    zero = middle.dtype.type(0)
-    for q in range(w - 4):
-        step = down2[q] - x2[q]
-        bend = min(s2[q], s2_below[q]) * ((deep2[q] - down2[q]) - step) if is_bent else zero
-        square = min(min(e2[q], e2_below[q]), min(s2[q], s3[q]))
-        square_west = min(min(e1[q], e1_below[q]), min(s1[q], s2[q]))
-        after, before = down3[q] - x3[q], down1[q] - x1[q]
-        twist = square * (after - step) - square_west * (step - before)
-        below = kb * ((bend - bend_here[q]) + (twist + twist)) - km * (s2[q] * step)
-        west = min(e0[q], e1[q]) * ((x2[q] - x1[q]) - (x1[q] - middle[q]))
-        mid = min(e1[q], e2[q]) * ((x3[q] - x2[q]) - (x2[q] - x1[q]))
-        east = min(e2[q], e3[q]) * ((x4[q] - x3[q]) - (x3[q] - x2[q]))
-        force = (below - flux[q]) + kb * ((east - mid) - (mid - west))
-        force -= km * (e2[q] * (x3[q] - x2[q]))
-        force += km * (e1[q] * (x2[q] - x1[q]))
-        force += d0[q] * x2[q] + d2[q] * down2[q] + u2[q] * up2[q]
-        force += d1[q] * x3[q] + d3[q] * down3[q] + u4[q] * up3[q]
-        force += d1_west[q] * x1[q] + d4[q] * down1[q] + u3[q] * up1[q]
-        bend_here[q] = bend
-        flux[q] = below
-        out[q] = force
+        cut_node(x, rows, data, r, over, above, *springs, q)
+    zero = x.dtype.type(0)
+    flux = c + 1
+    for k in range(w - 4):
+        q = np.uint64(k) + TWO
+        west, east = q - ONE, q + ONE
+        here = x[middle, q]
+        before, after = here - x[middle, west], x[middle, east] - here
+        e_west, e_here, s_here = edges[r, 0, west], edges[r, 0, q], edges[r, 1, q]
+        bend = min(e_west, e_here) * (after - before)
+        bend_west = min(edges[r, 0, q - TWO], e_west) * (
+            before - (x[middle, west] - x[middle, q - TWO])
+        )
+        bend_east = min(e_here, edges[r, 0, east]) * (
+            (x[middle, q + TWO] - x[middle, east]) - after
+        )
+        step = x[lower, q] - here
+        fall = (x[lowest, q] - x[lower, q]) - step
+        bend_below = min(s_here, edges[below, 1, q]) * fall if is_bent else zero
+        square = min(min(e_here, edges[below, 0, q]), min(s_here, edges[r, 1, east]))
+        twist = square * ((x[lower, east] - x[middle, east]) - step)
+        square = min(min(e_west, edges[below, 0, west]), min(edges[r, 1, west], s_here))
+        twist -= square * (step - (x[lower, west] - x[middle, west]))
+        flow = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * (s_here * step)
+        force = (flow - carry[flux, q]) + kb * ((bend_east - bend) - (bend - bend_west))
+        force -= km * (e_here * after)
+        force += km * (e_west * before)
+        force += (
+            data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
+        )
+        force += (
+            data[r, 1, q] * x[middle, east]
+            + data[r, 3, q] * x[lower, east]
+            + over[above, 4, east] * x[upper, east]
+        )
+        force += (
+            data[r, 1, west] * x[middle, west]
+            + data[r, 4, q] * x[lower, west]
+            + over[above, 3, west] * x[upper, west]
+        )
+        carry[c, q] = bend_below
+        carry[flux, q] = flow
+        acc[a, q] = force
 
 
 @kernel
-def cut_node(rows, here, above, kb, km, is_bent, bends, fluxes, acc, edges, edges_below, q):
+def cut_node(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below, q):
     """
     One node of `cut_row`, near the ends of the row too.
 
     Parameters
     ----------
-    rows, here, above, kb, km, is_bent, bends, fluxes, acc, edges, edges_below
+    x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below
         As for `cut_row`.
     q : int
         Column.
     """
     upper, middle, lower, lowest = rows
-    w = middle.size
-    zero = middle.dtype.type(0)
-    east, south, east_below = edges[0], edges[1], edges_below[0]
-    step = lower[q] - middle[q]
-    bend = min(south[q], edges_below[1, q]) * ((lowest[q] - lower[q]) - step) if is_bent else zero
+    w = x.shape[1]
+    zero = x.dtype.type(0)
+    here = x[middle, q]
+    step = x[lower, q] - here
+    fall = (x[lowest, q] - x[lower, q]) - step
+    bend_below = min(edges[r, 1, q], edges[below, 1, q]) * fall if is_bent else zero
     twist = zero
     if q + 1 < w:
-        square = min(min(east[q], east_below[q]), min(south[q], south[q + 1]))
-        twist += square * ((lower[q + 1] - middle[q + 1]) - step)
+        square = min(
+            min(edges[r, 0, q], edges[below, 0, q]), min(edges[r, 1, q], edges[r, 1, q + 1])
+        )
+        twist += square * ((x[lower, q + 1] - x[middle, q + 1]) - step)
     if q > 0:
-        square = min(min(east[q - 1], east_below[q - 1]), min(south[q - 1], south[q]))
-        twist -= square * (step - (lower[q - 1] - middle[q - 1]))
-    below = kb * ((bend - bends[q]) + (twist + twist)) - km * (south[q] * step)
-    left, mid = cut_second(middle, east, q - 1), cut_second(middle, east, q)
-    right = cut_second(middle, east, q + 1)
-    force = (below - fluxes[q]) + kb * ((right - mid) - (mid - left))
+        square = min(
+            min(edges[r, 0, q - 1], edges[below, 0, q - 1]), min(edges[r, 1, q - 1], edges[r, 1, q])
+        )
+        twist -= square * (step - (x[lower, q - 1] - x[middle, q - 1]))
+    flow = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * (edges[r, 1, q] * step)
+    west, bend = cut_second(x, middle, edges, r, q - 1), cut_second(x, middle, edges, r, q)
+    east = cut_second(x, middle, edges, r, q + 1)
+    force = (flow - carry[c + 1, q]) + kb * ((east - bend) - (bend - west))
     if q + 1 < w:
-        force -= km * (east[q] * (middle[q + 1] - middle[q]))
+        force -= km * (edges[r, 0, q] * (x[middle, q + 1] - here))
     if q > 0:
-        force += km * (east[q - 1] * (middle[q] - middle[q - 1]))
-    force += here[0, q] * middle[q] + here[2, q] * lower[q] + above[2, q] * upper[q]
+        force += km * (edges[r, 0, q - 1] * (here - x[middle, q - 1]))
+    force += data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
     if q + 1 < w:
         force += (
-            here[1, q] * middle[q + 1] + here[3, q] * lower[q + 1] + above[4, q + 1] * upper[q + 1]
+            data[r, 1, q] * x[middle, q + 1]
+            + data[r, 3, q] * x[lower, q + 1]
+            + over[above, 4, q + 1] * x[upper, q + 1]
         )
     if q > 0:
         force += (
-            here[1, q - 1] * middle[q - 1]
-            + here[4, q] * lower[q - 1]
-            + above[3, q - 1] * upper[q - 1]
+            data[r, 1, q - 1] * x[middle, q - 1]
+            + data[r, 4, q] * x[lower, q - 1]
+            + over[above, 3, q - 1] * x[upper, q - 1]
         )
-    bends[q] = bend
-    fluxes[q] = below
-    acc[q] = force
+    carry[c, q] = bend_below
+    carry[c + 1, q] = flow
+    acc[a, q] = force
 
 
 @kernel
-def cut_second(row, east, q):
+def cut_second(x, middle, edges, r, q):
     """
     Second difference along a row, times its factor; zero at its ends and beyond.
 
     Parameters
     ----------
-    row : (w,) array of float
+    x : (n, w) array of float
         Heights.
-    east : (w,) array of float32
-        Factors of the row's edges.
-    q : int
-        Column.
+    middle : int
+        Row of the array.
+    edges : (h, k, w) array of float32
+        Factors.
+    r, q : int
+        Row of the grid, column.
     """
-    if 1 <= q < row.size - 1:
-        return min(east[q - 1], east[q]) * ((row[q + 1] - row[q]) - (row[q] - row[q - 1]))
-    return row.dtype.type(0)
+    if 1 <= q < x.shape[1] - 1:
+        return min(edges[r, 0, q - 1], edges[r, 0, q]) * (
+            (x[middle, q + 1] - x[middle, q]) - (x[middle, q] - x[middle, q - 1])
+        )
+    return x.dtype.type(0)
 
 
 @kernel

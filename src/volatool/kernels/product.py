@@ -3,18 +3,26 @@
 Nothing is assembled, see `volatool.kernels.spring`. A row needs the heights of the row before it
 and of the two after it; what it needs of the row before that, the force that comes through the
 springs from above, is carried from row to row. Heights may live in a ring: row r of the grid is row
-``r % n`` of an (n, w) array, and the whole grid is a ring of all its rows.
+``r % RING`` of it.
+
+Rows are passed as arrays and row numbers, not as views: a view costs as much as some 40 nodes. The
+loops index by unsigned numbers, which numba doesn't wrap around the array's end, and are vector
+code.
 """
 
+import numpy as np
+
 from volatool.kernels._jit import kernel
-from volatool.kernels.cut_spring import cut_bends, cut_diagonal_row, cut_row
+from volatool.kernels.cut_spring import cut_bend, cut_diagonal_row, cut_row
 
 RING = 4
 """Rows of a ring that `product_row` reads."""
 
+ONE, TWO = np.uint64(1), np.uint64(2)
+
 
 @kernel
-def product_row(data, x, r, h, kb, km, carry, nothing, acc, edges=None):
+def product_row(data, x, at, r, h, kb, km, carry, c, nothing, acc, a, edges=None):
     """
     One row of ``H x``; rows must be done in order.
 
@@ -23,175 +31,206 @@ def product_row(data, x, r, h, kb, km, carry, nothing, acc, edges=None):
     data : (h, 5, w) array of float
         Data stencil.
     x : (n, w) array of float
-        Ring of heights; rows r - 1 to r + 2 are read.
+        Heights; rows r - 1 to r + 2 are read.
+    at : int
+        Where the ring of heights begins in x; negative if x is the whole grid.
     r, h : int
         Row; rows of the grid.
     kb, km : float
         Stiffness, of x's type.
-    carry : (2, w) array of float
-        As `start_carry` or the call for row r - 1 left it: second differences down the columns at
-        row r, and the force from row r - 1 on row r.
-    nothing : (5, w) array of data's type
+    carry : (n, w) array of float
+        Rows c and c + 1 as `start_carry` or the call for row r - 1 left them: second differences
+        down the columns at row r, and the force from row r - 1 on row r.
+    c : int
+        Where they are.
+    nothing : (1, 5, w) array of data's type
         Zeros.
-    acc : (w,) array of float
-        Set to the row of the product.
+    acc : (n, w) array of float
+        Row a is set to the row of the product.
+    a : int
+        Row of `acc`.
     edges : (h, k, w) array of float32, optional
         Factors of cut springs, see `cut_spring`.
     """
-    n = x.shape[0]
-    middle = x[r % n]
-    upper = x[(r - 1) % n] if r > 0 else middle
-    lower = x[(r + 1) % n] if r + 1 < h else middle
-    lowest = x[(r + 2) % n] if r + 2 < h else lower
-    above = data[r - 1] if r > 0 else nothing
+    middle = ring_row(at, r)
+    upper = ring_row(at, r - 1) if r > 0 else middle
+    lower = ring_row(at, r + 1) if r + 1 < h else middle
+    lowest = ring_row(at, r + 2) if r + 2 < h else lower
     rows = (upper, middle, lower, lowest)
     is_bent = r + 2 < h  # the row below is neither the last nor beyond it
+    over, above = (data, r - 1) if r > 0 else (nothing, 0)
     if edges is None:
-        whole_row(rows, data[r], above, kb, km, is_bent, carry[0], carry[1], acc)
+        whole_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a)
     else:
-        below = edges[min(r + 1, h - 1)]
-        cut_row(rows, data[r], above, kb, km, is_bent, carry[0], carry[1], acc, edges[r], below)
+        below = min(r + 1, h - 1)
+        cut_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below)
 
 
 @kernel
-def start_carry(data, x, r, h, kb, km, carry, nothing, acc, edges=None):
+def ring_row(at, r):
+    """
+    Row of an array that holds row r of the grid.
+
+    Parameters
+    ----------
+    at : int
+        Where the ring begins; negative if the array is the whole grid.
+    r : int
+        Row, not negative.
+    """
+    return r if at < 0 else at + r % RING
+
+
+@kernel
+def start_carry(data, x, at, r, h, kb, km, carry, c, nothing, acc, a, edges=None):
     """
     Set what `product_row` carries into a row.
 
     Parameters
     ----------
-    data, x, h, kb, km, carry, nothing, edges
+    data, x, at, h, kb, km, carry, c, nothing, edges
         As for `product_row`; rows r - 2 to r + 1 of x are read.
     r : int
         Row that `product_row` will be called for first.
-    acc : (w,) array of float
+    acc, a
         Work space.
     """
-    carry[:] = 0.0
+    carry[c : c + 2] = 0.0
     if r < 1:
         return
-    n = x.shape[0]
     if r > 1:
-        over, middle, under = x[(r - 2) % n], x[(r - 1) % n], x[r % n]
-        bends = carry[0]
-        for q in range(bends.size):
-            bends[q] = (under[q] - middle[q]) - (middle[q] - over[q])
+        over, middle, under = ring_row(at, r - 2), ring_row(at, r - 1), ring_row(at, r)
+        for q in range(x.shape[1]):
+            carry[c, q] = (x[under, q] - x[middle, q]) - (x[middle, q] - x[over, q])
         if edges is not None:
-            cut_bends(edges[r - 2], edges[r - 1], bends)
-    product_row(data, x, r - 1, h, kb, km, carry, nothing, acc, edges)
+            cut_bend(edges, r - 1, carry, c)
+    product_row(data, x, at, r - 1, h, kb, km, carry, c, nothing, acc, a, edges)
 
 
 @kernel
-def whole_row(rows, here, above, kb, km, is_bent, bends, fluxes, acc):
+def whole_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a):
     """
     `product_row` without cuts.
 
     Parameters
     ----------
-    rows : tuple of 4 (w,) arrays of float
-        Heights of the row above, of the row, and of the two below it.
-    here, above : (5, w) arrays of float
-        Data stencil of the row and of the one above it.
+    x : (n, w) array of float
+        Heights.
+    rows : tuple of 4 int
+        Rows of x: the row above, the row, and the two below it.
+    data, over : (h, 5, w) arrays of float
+        Data stencils.
+    r, above : int
+        Rows of them: the row in `data`, the one above it in `over`.
     kb, km : float
         Stiffness.
     is_bent : bool
         There are second differences at the row below.
-    bends, fluxes : (w,) arrays of float
-        Carried; set for the next row.
-    acc : (w,) array of float
-        Set.
+    carry, c, acc, a
+        As for `product_row`.
     """
     upper, middle, lower, lowest = rows
-    w = middle.size
+    w = x.shape[1]
     for q in range(min(2, w)):
-        whole_node(rows, here, above, kb, km, is_bent, bends, fluxes, acc, q)
+        whole_node(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, q)
     for q in range(max(2, w - 2), w):
-        whole_node(rows, here, above, kb, km, is_bent, bends, fluxes, acc, q)
-    # index q stands for column q + 2: the loop has no conditions and no wrap-around, and is vector
-    # code; the force down to the next row is kept, so that no difference is taken twice
-    x1, x2, x3, x4 = middle[1:], middle[2:], middle[3:], middle[4:]
-    up1, up2, up3 = upper[1:], upper[2:], upper[3:]
-    down1, down2, down3, deep2 = lower[1:], lower[2:], lower[3:], lowest[2:]
-    d0, d1, d1_west = here[0][2:], here[1][2:], here[1][1:]
-    d2, d3, d4 = here[2][2:], here[3][2:], here[4][2:]
-    u2, u3, u4 = above[2][2:], above[3][1:], above[4][3:]
-    bend_here, flux, out = bends[2:], fluxes[2:], acc[2:]
-    zero = middle.dtype.type(0)
-    for q in range(w - 4):
-        step = down2[q] - x2[q]
-        bend = (deep2[q] - down2[q]) - step if is_bent else zero
-        twist = ((down3[q] - x3[q]) - step) - (step - (down1[q] - x1[q]))
-        below = kb * ((bend - bend_here[q]) + (twist + twist)) - km * step
-        west = (x2[q] - x1[q]) - (x1[q] - middle[q])
-        mid = (x3[q] - x2[q]) - (x2[q] - x1[q])
-        east = (x4[q] - x3[q]) - (x3[q] - x2[q])
-        force = (below - flux[q]) + kb * ((east - mid) - (mid - west)) - km * mid
-        force += d0[q] * x2[q] + d2[q] * down2[q] + u2[q] * up2[q]
-        force += d1[q] * x3[q] + d3[q] * down3[q] + u4[q] * up3[q]
-        force += d1_west[q] * x1[q] + d4[q] * down1[q] + u3[q] * up1[q]
-        bend_here[q] = bend
-        flux[q] = below
-        out[q] = force
+        whole_node(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, q)
+    zero = x.dtype.type(0)
+    flux = c + 1
+    for k in range(w - 4):
+        q = np.uint64(k) + TWO
+        west, east = q - ONE, q + ONE
+        here = x[middle, q]
+        before, after = here - x[middle, west], x[middle, east] - here
+        bend = after - before
+        bend_west = before - (x[middle, west] - x[middle, q - TWO])
+        bend_east = (x[middle, q + TWO] - x[middle, east]) - after
+        step = x[lower, q] - here
+        bend_below = (x[lowest, q] - x[lower, q]) - step if is_bent else zero
+        twist = (x[lower, east] - x[middle, east]) - step
+        twist -= step - (x[lower, west] - x[middle, west])
+        below = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * step
+        force = (below - carry[flux, q]) + kb * ((bend_east - bend) - (bend - bend_west))
+        force -= km * bend
+        force += (
+            data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
+        )
+        force += (
+            data[r, 1, q] * x[middle, east]
+            + data[r, 3, q] * x[lower, east]
+            + over[above, 4, east] * x[upper, east]
+        )
+        force += (
+            data[r, 1, west] * x[middle, west]
+            + data[r, 4, q] * x[lower, west]
+            + over[above, 3, west] * x[upper, west]
+        )
+        carry[c, q] = bend_below
+        carry[flux, q] = below
+        acc[a, q] = force
 
 
 @kernel
-def whole_node(rows, here, above, kb, km, is_bent, bends, fluxes, acc, q):
+def whole_node(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, q):
     """
     One node of `whole_row`, near the ends of the row too.
 
     Parameters
     ----------
-    rows, here, above, kb, km, is_bent, bends, fluxes, acc
+    x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a
         As for `whole_row`.
     q : int
         Column.
     """
     upper, middle, lower, lowest = rows
-    w = middle.size
-    step = lower[q] - middle[q]
-    bend = (lowest[q] - lower[q]) - step if is_bent else middle.dtype.type(0)
+    w = x.shape[1]
+    here = x[middle, q]
+    step = x[lower, q] - here
+    bend_below = (x[lowest, q] - x[lower, q]) - step if is_bent else x.dtype.type(0)
     # differences go on past the ends: there is no twist
-    after = lower[q + 1] - middle[q + 1] if q + 1 < w else step
-    before = lower[q - 1] - middle[q - 1] if q > 0 else step
+    after = x[lower, q + 1] - x[middle, q + 1] if q + 1 < w else step
+    before = x[lower, q - 1] - x[middle, q - 1] if q > 0 else step
     twist = (after - step) - (step - before)
-    below = kb * ((bend - bends[q]) + (twist + twist)) - km * step
-    west, mid, east = second(middle, q - 1), second(middle, q), second(middle, q + 1)
-    force = (below - fluxes[q]) + kb * ((east - mid) - (mid - west)) - km * mid
+    below = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * step
+    west, bend, east = second(x, middle, q - 1), second(x, middle, q), second(x, middle, q + 1)
+    force = (below - carry[c + 1, q]) + kb * ((east - bend) - (bend - west)) - km * bend
     if w > 1 and q == 0:
-        force -= km * (middle[1] - middle[0])
+        force -= km * (x[middle, 1] - here)
     if w > 1 and q == w - 1:
-        force -= km * (middle[w - 2] - middle[w - 1])
-    force += here[0, q] * middle[q] + here[2, q] * lower[q] + above[2, q] * upper[q]
+        force -= km * (x[middle, q - 1] - here)
+    force += data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
     if q + 1 < w:
         force += (
-            here[1, q] * middle[q + 1] + here[3, q] * lower[q + 1] + above[4, q + 1] * upper[q + 1]
+            data[r, 1, q] * x[middle, q + 1]
+            + data[r, 3, q] * x[lower, q + 1]
+            + over[above, 4, q + 1] * x[upper, q + 1]
         )
     if q > 0:
         force += (
-            here[1, q - 1] * middle[q - 1]
-            + here[4, q] * lower[q - 1]
-            + above[3, q - 1] * upper[q - 1]
+            data[r, 1, q - 1] * x[middle, q - 1]
+            + data[r, 4, q] * x[lower, q - 1]
+            + over[above, 3, q - 1] * x[upper, q - 1]
         )
-    bends[q] = bend
-    fluxes[q] = below
-    acc[q] = force
+    carry[c, q] = bend_below
+    carry[c + 1, q] = below
+    acc[a, q] = force
 
 
 @kernel
-def second(row, q):
+def second(x, r, q):
     """
     Second difference along a row; zero at its ends and beyond.
 
     Parameters
     ----------
-    row : (w,) array of float
+    x : (n, w) array of float
         Heights.
-    q : int
-        Column.
+    r, q : int
+        Row of the array, column.
     """
-    if 1 <= q < row.size - 1:
-        return (row[q + 1] - row[q]) - (row[q] - row[q - 1])
-    return row.dtype.type(0)
+    if 1 <= q < x.shape[1] - 1:
+        return (x[r, q + 1] - x[r, q]) - (x[r, q] - x[r, q - 1])
+    return x.dtype.type(0)
 
 
 @kernel

@@ -160,13 +160,11 @@ def apply_rows(data, x, kb, km, start, stop, out, dots, edges=None):
     """
     h, w = x.shape
     carry = np.empty((2, w), x.dtype)
-    nothing = np.zeros((5, w), data.dtype)
-    if start < stop:
-        start_carry(data, x, start, h, kb, km, carry, nothing, out[start], edges)
+    nothing = np.zeros((1, 5, w), data.dtype)
+    start_carry(data, x, -1, start, h, kb, km, carry, 0, nothing, out, start, edges)
     for r in range(start, stop):
-        acc = out[r]
-        product_row(data, x, r, h, kb, km, carry, nothing, acc, edges)
-        dots[r] = dot_row(x[r], acc)
+        product_row(data, x, -1, r, h, kb, km, carry, 0, nothing, out, r, edges)
+        dots[r] = dot_row(x[r], out[r])
 
 
 @kernel

@@ -20,8 +20,9 @@ _BEHIND = 2 * MAX_STEPS + 1  # rows that are between the first and the last smoo
 _STEP = RING * MAX_STEPS
 _DIAGONAL = _STEP + _BEHIND
 _CARRY = _DIAGONAL + _BEHIND
+_ACC = _CARRY + 2 * (MAX_STEPS + 1)
 
-WORK_ROWS = _CARRY + 2 * (MAX_STEPS + 1)
+WORK_ROWS = _ACC + 1
 """Rows of work space for `sweep`."""
 
 
@@ -86,61 +87,57 @@ def sweep(
     skipped = 1 if is_zero else 0  # the first stage is the first step then
     n_smoothing = steps.shape[0] - skipped
     n_stages = n_smoothing + (1 if restricts else 0)
-    acc = np.empty(w, right.dtype)
-    nothing = np.zeros((5, w), right.dtype)
-    padded = np.zeros(2 * target.shape[1] + 1, right.dtype)
+    nothing = np.zeros((1, 5, w), right.dtype)
+    force = np.zeros(2 * target.shape[1] + 1, right.dtype)
     spare = np.empty(target.shape[1], right.dtype)
     coarse = np.zeros(source.shape[1] + 1, right.dtype)
     begin = start + 2 * n_stages if start > first else stage_begin(first, n_stages, restricts)
     for t in range(begin, stop + 2 * n_stages):
         if t < h:
-            row = work[t % RING]
-            diagonal, step = work[_DIAGONAL + t % _BEHIND], work[_STEP + t % _BEHIND]
-            diagonal_row(data, t, h, kb, km, diagonal, edges)
+            diagonal, step, row = _DIAGONAL + t % _BEHIND, _STEP + t % _BEHIND, t % RING
+            diagonal_row(data, t, h, kb, km, work[diagonal], edges)
             if is_zero:
-                force, beta = right[t], steps[0, 1]
+                beta = steps[0, 1]
                 for q in range(w):
-                    step[q] = beta * force[q] / diagonal[q]
-                row[:] = step
+                    work[step, q] = beta * right[t, q] / work[diagonal, q]
+                    work[row, q] = work[step, q]
             else:
-                step[:] = 0.0
+                work[step] = 0.0
                 if edges is None:
-                    prolong_row(source, t, coarse, row)
+                    prolong_row(source, t, coarse, work[row])
                 else:
-                    cut_prolong_row(source, t, edges, row)
+                    cut_prolong_row(source, t, edges, work[row])
                 if adds:
-                    before = x[t]
                     for q in range(w):
-                        row[q] += before[q]
+                        work[row, q] += x[t, q]
             if n_smoothing == 0:
-                out[t] = row
+                out[t] = work[row]
         for k in range(1, n_stages + 1):
             r = t - 2 * k
             begin = stage_begin(first, n_stages - k, restricts)
-            heights = work[RING * (k - 1) : RING * k] if k <= n_smoothing else out
-            carry = work[_CARRY + 2 * (k - 1) : _CARRY + 2 * k]
+            heights, at = (work, RING * (k - 1)) if k <= n_smoothing else (out, -1)
+            carry = _CARRY + 2 * (k - 1)
             if r == max(begin - 1, 0):
-                start_carry(data, heights, begin, h, kb, km, carry, nothing, acc, edges)
+                start_carry(
+                    data, heights, at, begin, h, kb, km, work, carry, nothing, work, _ACC, edges
+                )
             if r < begin or r >= h:
                 continue
-            product_row(data, heights, r, h, kb, km, carry, nothing, acc, edges)
-            force = right[r]
+            product_row(data, heights, at, r, h, kb, km, work, carry, nothing, work, _ACC, edges)
             if k <= n_smoothing:
                 alpha, beta = steps[k - 1 + skipped, 0], steps[k - 1 + skipped, 1]
-                row = out[r] if k == n_smoothing else work[RING * k + r % RING]
-                diagonal, step = work[_DIAGONAL + r % _BEHIND], work[_STEP + r % _BEHIND]
-                step_row(force, acc, diagonal, heights[r % RING], alpha, beta, step, row)
+                into, row = (out, r) if k == n_smoothing else (work, RING * k + r % RING)
+                step_row(right, r, work, at + r % RING, alpha, beta, into, row)
                 continue
-            inner = padded[1:]
             for q in range(w):
-                inner[q] = force[q] - acc[q]
+                force[q + 1] = right[r, q] - work[_ACC, q]
             upper = target[r // 2] if r >= first else spare
             is_own = last == h or r + 1 < last
             lower = target[r // 2 + 1] if r % 2 == 1 and is_own else spare
             if edges is None:
-                restrict_row(padded, r, upper, lower)
+                restrict_row(force, r, upper, lower)
             else:
-                cut_restrict_row(padded, r, edges, upper, lower)
+                cut_restrict_row(force, r, edges, upper, lower)
 
 
 @kernel
@@ -163,22 +160,30 @@ def stage_begin(first, n_after, restricts):
 
 
 @kernel
-def step_row(force, acc, diagonal, x, alpha, beta, step, out):
+def step_row(right, r, work, heights, alpha, beta, out, row):
     """
     One row of a Chebyshev-Jacobi step.
 
     Parameters
     ----------
-    force, acc, diagonal, x : (w,) arrays of float32
-        Right side, ``H x``, diagonal of H, heights.
+    right : (h, w) array of float32
+        Right side.
+    r : int
+        Row.
+    work : (`WORK_ROWS`, w) array of float32
+        Holds ``H x``, the diagonal of H, and the last step, which is set to the new one.
+    heights : int
+        Row of `work` that holds the heights.
     alpha, beta : float32
         Weights of the last step and of the new force.
-    step : (w,) array of float32
-        Last step; set to the new one.
-    out : (w,) array of float32
-        Set to the new heights.
+    out : (n, w) array of float32
+        Row `row` is set to the new heights.
+    row : int
+        Row of `out`.
     """
-    for q in range(x.size):
-        change = alpha * step[q] + beta * (force[q] - acc[q]) / diagonal[q]
-        step[q] = change
-        out[q] = x[q] + change
+    diagonal, step = _DIAGONAL + r % _BEHIND, _STEP + r % _BEHIND
+    for q in range(right.shape[1]):
+        change = alpha * work[step, q]
+        change += beta * (right[r, q] - work[_ACC, q]) / work[diagonal, q]
+        work[step, q] = change
+        out[row, q] = work[heights, q] + change
