@@ -120,7 +120,7 @@ def measure(residual, x, start, stop, dots, largest):
     dots : (h,) array of float64
         ``residual . x``, set.
     largest : (h,) array of uint32
-        Set to the bits of the largest ``|x|``, which are in the order of the numbers, NaN above all:
+        Set to the bits of the largest ``|x|``, which are in the order of the numbers, NaN last:
         unlike that of floats, their maximum is vector code.
     """
     bits = x.view(np.uint32)
