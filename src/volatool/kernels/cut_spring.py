@@ -52,11 +52,7 @@ def cut_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, ed
     """
     upper, middle, lower, lowest = rows
     w = x.shape[1]
-    springs = (kb, km, is_bent, carry, c, acc, a, edges, below)
-    for q in range(min(2, w)):
-        cut_node(x, rows, data, r, over, above, *springs, q)
-    for q in range(max(2, w - 2), w):
-        cut_node(x, rows, data, r, over, above, *springs, q)
+    cut_ends(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below)
     zero = x.dtype.type(0)
     flux = c + 1
     for k in range(w - 4):
@@ -102,59 +98,63 @@ def cut_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, ed
 
 
 @kernel
-def cut_node(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below, q):
+def cut_ends(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below):
     """
-    One node of `cut_row`, near the ends of the row too.
+    Do what `cut_row` does for the two nodes at each end of the row.
 
     Parameters
     ----------
     x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below
         As for `cut_row`.
-    q : int
-        Column.
     """
     upper, middle, lower, lowest = rows
     w = x.shape[1]
     zero = x.dtype.type(0)
-    here = x[middle, q]
-    step = x[lower, q] - here
-    fall = (x[lowest, q] - x[lower, q]) - step
-    bend_below = min(edges[r, 1, q], edges[below, 1, q]) * fall if is_bent else zero
-    twist = zero
-    if q + 1 < w:
-        square = min(
-            min(edges[r, 0, q], edges[below, 0, q]), min(edges[r, 1, q], edges[r, 1, q + 1])
-        )
-        twist += square * ((x[lower, q + 1] - x[middle, q + 1]) - step)
-    if q > 0:
-        square = min(
-            min(edges[r, 0, q - 1], edges[below, 0, q - 1]), min(edges[r, 1, q - 1], edges[r, 1, q])
-        )
-        twist -= square * (step - (x[lower, q - 1] - x[middle, q - 1]))
-    flow = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * (edges[r, 1, q] * step)
-    west, bend = cut_second(x, middle, edges, r, q - 1), cut_second(x, middle, edges, r, q)
-    east = cut_second(x, middle, edges, r, q + 1)
-    force = (flow - carry[c + 1, q]) + kb * ((east - bend) - (bend - west))
-    if q + 1 < w:
-        force -= km * (edges[r, 0, q] * (x[middle, q + 1] - here))
-    if q > 0:
-        force += km * (edges[r, 0, q - 1] * (here - x[middle, q - 1]))
-    force += data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
-    if q + 1 < w:
+    n = min(4, w)
+    for k in range(n):
+        q = k if k < 2 else w - n + k
+        here = x[middle, q]
+        step = x[lower, q] - here
+        fall = (x[lowest, q] - x[lower, q]) - step
+        bend_below = min(edges[r, 1, q], edges[below, 1, q]) * fall if is_bent else zero
+        twist = zero
+        if q + 1 < w:
+            square = min(
+                min(edges[r, 0, q], edges[below, 0, q]), min(edges[r, 1, q], edges[r, 1, q + 1])
+            )
+            twist += square * ((x[lower, q + 1] - x[middle, q + 1]) - step)
+        if q > 0:
+            square = min(
+                min(edges[r, 0, q - 1], edges[below, 0, q - 1]),
+                min(edges[r, 1, q - 1], edges[r, 1, q]),
+            )
+            twist -= square * (step - (x[lower, q - 1] - x[middle, q - 1]))
+        flow = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * (edges[r, 1, q] * step)
+        west, bend = cut_second(x, middle, edges, r, q - 1), cut_second(x, middle, edges, r, q)
+        east = cut_second(x, middle, edges, r, q + 1)
+        force = (flow - carry[c + 1, q]) + kb * ((east - bend) - (bend - west))
+        if q + 1 < w:
+            force -= km * (edges[r, 0, q] * (x[middle, q + 1] - here))
+        if q > 0:
+            force += km * (edges[r, 0, q - 1] * (here - x[middle, q - 1]))
         force += (
-            data[r, 1, q] * x[middle, q + 1]
-            + data[r, 3, q] * x[lower, q + 1]
-            + over[above, 4, q + 1] * x[upper, q + 1]
+            data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
         )
-    if q > 0:
-        force += (
-            data[r, 1, q - 1] * x[middle, q - 1]
-            + data[r, 4, q] * x[lower, q - 1]
-            + over[above, 3, q - 1] * x[upper, q - 1]
-        )
-    carry[c, q] = bend_below
-    carry[c + 1, q] = flow
-    acc[a, q] = force
+        if q + 1 < w:
+            force += (
+                data[r, 1, q] * x[middle, q + 1]
+                + data[r, 3, q] * x[lower, q + 1]
+                + over[above, 4, q + 1] * x[upper, q + 1]
+            )
+        if q > 0:
+            force += (
+                data[r, 1, q - 1] * x[middle, q - 1]
+                + data[r, 4, q] * x[lower, q - 1]
+                + over[above, 3, q - 1] * x[upper, q - 1]
+            )
+        carry[c, q] = bend_below
+        carry[c + 1, q] = flow
+        acc[a, q] = force
 
 
 @kernel

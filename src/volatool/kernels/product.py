@@ -131,10 +131,7 @@ def whole_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a):
     """
     upper, middle, lower, lowest = rows
     w = x.shape[1]
-    for q in range(min(2, w)):
-        whole_node(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, q)
-    for q in range(max(2, w - 2), w):
-        whole_node(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, q)
+    whole_ends(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a)
     zero = x.dtype.type(0)
     flux = c + 1
     for k in range(w - 4):
@@ -171,49 +168,52 @@ def whole_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a):
 
 
 @kernel
-def whole_node(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, q):
+def whole_ends(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a):
     """
-    One node of `whole_row`, near the ends of the row too.
+    Do what `whole_row` does for the two nodes at each end of the row.
 
     Parameters
     ----------
     x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a
         As for `whole_row`.
-    q : int
-        Column.
     """
     upper, middle, lower, lowest = rows
     w = x.shape[1]
-    here = x[middle, q]
-    step = x[lower, q] - here
-    bend_below = (x[lowest, q] - x[lower, q]) - step if is_bent else x.dtype.type(0)
-    # differences go on past the ends: there is no twist
-    after = x[lower, q + 1] - x[middle, q + 1] if q + 1 < w else step
-    before = x[lower, q - 1] - x[middle, q - 1] if q > 0 else step
-    twist = (after - step) - (step - before)
-    below = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * step
-    west, bend, east = second(x, middle, q - 1), second(x, middle, q), second(x, middle, q + 1)
-    force = (below - carry[c + 1, q]) + kb * ((east - bend) - (bend - west)) - km * bend
-    if w > 1 and q == 0:
-        force -= km * (x[middle, 1] - here)
-    if w > 1 and q == w - 1:
-        force -= km * (x[middle, q - 1] - here)
-    force += data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
-    if q + 1 < w:
+    n = min(4, w)
+    for k in range(n):
+        q = k if k < 2 else w - n + k
+        here = x[middle, q]
+        step = x[lower, q] - here
+        bend_below = (x[lowest, q] - x[lower, q]) - step if is_bent else x.dtype.type(0)
+        # differences go on past the ends: there is no twist
+        after = x[lower, q + 1] - x[middle, q + 1] if q + 1 < w else step
+        before = x[lower, q - 1] - x[middle, q - 1] if q > 0 else step
+        twist = (after - step) - (step - before)
+        below = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * step
+        west, bend, east = second(x, middle, q - 1), second(x, middle, q), second(x, middle, q + 1)
+        force = (below - carry[c + 1, q]) + kb * ((east - bend) - (bend - west)) - km * bend
+        if w > 1 and q == 0:
+            force -= km * (x[middle, 1] - here)
+        if w > 1 and q == w - 1:
+            force -= km * (x[middle, q - 1] - here)
         force += (
-            data[r, 1, q] * x[middle, q + 1]
-            + data[r, 3, q] * x[lower, q + 1]
-            + over[above, 4, q + 1] * x[upper, q + 1]
+            data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
         )
-    if q > 0:
-        force += (
-            data[r, 1, q - 1] * x[middle, q - 1]
-            + data[r, 4, q] * x[lower, q - 1]
-            + over[above, 3, q - 1] * x[upper, q - 1]
-        )
-    carry[c, q] = bend_below
-    carry[c + 1, q] = below
-    acc[a, q] = force
+        if q + 1 < w:
+            force += (
+                data[r, 1, q] * x[middle, q + 1]
+                + data[r, 3, q] * x[lower, q + 1]
+                + over[above, 4, q + 1] * x[upper, q + 1]
+            )
+        if q > 0:
+            force += (
+                data[r, 1, q - 1] * x[middle, q - 1]
+                + data[r, 4, q] * x[lower, q - 1]
+                + over[above, 3, q - 1] * x[upper, q - 1]
+            )
+        carry[c, q] = bend_below
+        carry[c + 1, q] = below
+        acc[a, q] = force
 
 
 @kernel
