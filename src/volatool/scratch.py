@@ -50,6 +50,11 @@ class Scratch:
     ) -> None:
         self._maps.clear()
 
+    @property
+    def has_files(self) -> bool:
+        """Some array of `zeros` lives in a file now."""
+        return bool(self._maps)
+
     def take(self, n_bytes: int, share: float = 1.0) -> bool:
         """
         Take memory from the budget if it is there.

@@ -89,6 +89,7 @@ def solve_nets(
     tol: float,
     cuts: Cuts | None = None,
     progress: Progress = no_progress,
+    threads: int = 1,
 ) -> tuple[F64, list[SolveInfo]]:
     """
     Solve net after net, each for what the ones before leave of the points' heights.
@@ -105,6 +106,8 @@ def solve_nets(
         Springs that are missing.
     progress : callable
         Told the iterations.
+    threads : int
+        Threads of each solve; the heights are the same for any number.
 
     Returns
     -------
@@ -137,6 +140,7 @@ def solve_nets(
             consume=is_last,
             progress=tell,
             cuts=cuts,
+            threads=threads,
         )
         if level is not None:
             scratch.free(level)
