@@ -3,7 +3,12 @@
 Kernels compile on their first call, never at import, release the GIL and are kept in an on-disk
 cache of volatool's own. numba numbers its cache files by reading the index, writing the code and
 then the index again; two processes doing so at once can overwrite each other's code under one
-name (numba issues 4807 and 10128). Every such read-modify-write is done under a file lock.
+name (numba issues 4807 and 10128). Every such read-modify-write is done under a file lock that
+readers share.
+
+A process that finds all its kernels in the cache never compiles, so that it needs nothing of what
+numba registers for its compiler: a load does without the refresh of numba's registries, which
+costs 20 ms a kernel and imports SciPy (`_LockedCache.load_overload`).
 """
 
 from __future__ import annotations
@@ -21,6 +26,7 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core import caching
+from numba.core.runtime import rtsys
 
 from volatool._version import __version__
 
@@ -75,15 +81,15 @@ def writable_cache_dir() -> Path | None:
 
 
 @contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def _locked(folder: Path, *, shared: bool) -> Iterator[None]:
     """Hold the cache folder's lock; without fcntl (Windows) numba's own atomic renames must do."""
     try:
         import fcntl
     except ImportError:
         yield
         return
-    with (folder / ".lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with (folder / ".lock").open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
         yield
 
 
@@ -94,13 +100,19 @@ class _LockedCache(caching.FunctionCache):
         folder = writable_cache_dir()
         if folder is None:
             return None
-        with _locked(folder):
-            return super().load_overload(sig, target_context)
+        with _locked(folder, shared=True):
+            if not hasattr(self, "_load_overload"):  # another numba than the ones known
+                return super().load_overload(sig, target_context)
+            # what compiled code refers to; the rest of a refresh is done before a compilation,
+            # by the compiler itself
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         folder = writable_cache_dir()
         if folder is not None:
-            with _locked(folder), contextlib.suppress(OSError):  # a full disk: not cached
+            # a full disk: not cached
+            with _locked(folder, shared=False), contextlib.suppress(OSError):
                 super().save_overload(sig, data)
 
 
