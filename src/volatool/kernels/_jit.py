@@ -149,7 +149,9 @@ class _Failures(event.Listener):
         pass
 
     def on_end(self, event: Any) -> None:
-        if event.is_failed and isinstance(event.data["dispatcher"]._cache, _SharedCache):
+        # not is_failed, which numba 0.61 to 0.68 has the wrong way round
+        failed = getattr(event, "_exc_details", None) is not None
+        if failed and isinstance(event.data["dispatcher"]._cache, _SharedCache):
             _turn.give()
 
 
