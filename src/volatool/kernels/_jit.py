@@ -28,7 +28,7 @@ from typing import Any, TextIO
 import numba
 import numpy as np
 from numba.core import caching, event
-from numba.core.runtime import rtsys
+from numba.core.runtime.nrt import rtsys
 
 from volatool._version import __version__
 
