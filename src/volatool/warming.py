@@ -168,8 +168,9 @@ def _volumes(folder: Path) -> None:
         a.path((x + 20, y + 20, 50.0), (x + 40, y + 40, 50.0), clearance)
     for result in (a | b, a & b, a ^ b, a - b, a.downsample(), a.regrid(b.cube, 2)):
         len(result)
-    a.crop((*low[0], *high[0]))
-    a.window(None, 2).to_numpy()
+    bounds = (x, y, x + _SIDE / 2, y + _SIDE / 2)
+    len(a.crop(bounds))
+    a.window(bounds).to_numpy()
     vt.diff(a, b)
     vt.merge(paths, folder / "merged.vol.gz")
 
