@@ -143,8 +143,8 @@ def make_volumes(
     outputs: OutputSet,
     base: Path | None,
     corners: Sequence[float],
-    scratch: Scratch,
-    beside: Beside,
+    scratch: Scratch | None = None,
+    beside: Beside | None = None,
 ) -> VolumePart:
     """
     Build the volumes, choose one depth for them and write them.
@@ -163,9 +163,9 @@ def make_volumes(
         Path of the outputs without suffix; None to write nothing.
     corners : sequence of 6 float
         Box of the points: smallest x, y, z, then largest, in units of the CRS.
-    scratch : Scratch
+    scratch : Scratch, optional
         Memory budget.
-    beside : Beside
+    beside : Beside, optional
         Writes a single volume while the caller goes on, if the budget has room for that.
     """
     built = {index: builders[index].build() for index in sorted(builders)}
@@ -194,7 +194,7 @@ def make_volumes(
             return volume, {}
         return volume, _files(volume, options, outputs, _named(base, index, options), warnings)
 
-    if len(built) == 1:
+    if len(built) == 1 and scratch is not None and beside is not None:
         shown, files = volume_of(largest)
         encodings = _started(shown, files, source, scratch, beside)
     else:

@@ -7,8 +7,9 @@ import json
 import struct
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -186,9 +187,9 @@ def _formats(folder: Path) -> None:
     out = folder / "out"
     out.mkdir()
     for name in FORMATS:
-        _if_there(lambda name=name: vt.export_volume(volume, out / "a", name, overwrite=True))
+        _if_there(partial(vt.export_volume, volume, out / "a", name, overwrite=True))
     for made in sorted(out.iterdir()):
-        _if_there(lambda made=made: vt.import_points(made, outdir=folder / "in", dem=False))
+        _if_there(partial(vt.import_points, made, outdir=folder / "in", dem=False))
 
 
 def _live(folder: Path) -> None:
@@ -219,7 +220,7 @@ def _if_there(work: Callable[[], object]) -> None:
         work()
 
 
-def _geojson(path: Path, geometry: dict[str, object]) -> str:
+def _geojson(path: Path, geometry: Mapping[str, object]) -> str:
     feature = {"type": "Feature", "properties": {}, "geometry": geometry}
     crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::25832"}}
     document = {"type": "FeatureCollection", "crs": crs, "features": [feature]}
