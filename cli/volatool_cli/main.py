@@ -109,6 +109,8 @@ for command in SPACE_KINDS:
 def main() -> NoReturn:
     """Run the command line and exit; the entry point."""
     logging.captureWarnings(True)  # of NumPy and others: no line of ours, and none that helps
+    # rasterio loads boto3 (0.15 s) where it is installed; no raster of ours is read from S3 by GDAL
+    sys.modules.setdefault("boto3", None)  # type: ignore[arg-type]
     if sys.stdout is None:  # it was closed from the start: what is printed goes nowhere
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  for good
     try:

@@ -11,11 +11,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volatool import resources
+from volatool.beside import Beside
 from volatool.census import box_corners
 from volatool.cube import Cube
 from volatool.elevation import make_elevation
 from volatool.encodings import output_stream
-from volatool.errors import CodedWarning, CRSError, FormatError, InputError, ResourceError
+from volatool.errors import (
+    CodedWarning,
+    CRSError,
+    FormatError,
+    InputError,
+    ResourceError,
+    VolatoolError,
+)
 from volatool.model import Bounds, Progress, no_progress
 from volatool.naming import VOLUME_SUFFIXES, stem
 from volatool.options import ConvertOptions
@@ -317,6 +325,10 @@ class _Tile:
 
     def run(self, progress: Progress) -> Report:
         """Read, build and write everything but the report itself."""
+        with Beside() as beside:
+            return self._run(progress, beside)
+
+    def _run(self, progress: Progress, beside: Beside) -> Report:
         from volatool.vola.metadata import attributes_for
 
         surface = self._surface() if self.wants_dem else None
@@ -347,7 +359,7 @@ class _Tile:
             options=self.options.given(),
         )
         volume = None
-        part = self._volume_part(scan)
+        part = self._volume_part(scan, beside)
         if part is not None:
             volume = part.volume
             logger.info("%s: %s", self.source.name, part.choice["reason"])
@@ -357,7 +369,6 @@ class _Tile:
                 cube=part.cube,
                 levels=part.levels,
                 choice=part.choice,
-                encodings=part.encodings,
             )
         elif scan.census.n_used == 0:
             report = replace(report, status="empty")
@@ -374,24 +385,36 @@ class _Tile:
                     self.outputs,
                     self.target,
                 )
-            except (InputError, ResourceError) as error:
-                if self.kind in _WRITERS:  # nothing half-written: the volume goes too
+            except VolatoolError as error:
+                if part is not None:
+                    part.encodings()  # what is wrong with the volume is told first
+                is_of_input = isinstance(error, (InputError, ResourceError))
+                if is_of_input and self.kind in _WRITERS:  # nothing half-written: the volume goes
                     error.args = (f"{error}; --no-dem leaves the elevation model out",)
                 raise
             dem = made.dem
             self.warnings += made.warnings
             report = replace(report, dem=made.document)
+        if part is not None:
+            report = replace(report, encodings=part.encodings())
         if self.options.preview and self.kind in _WRITERS and volume is not None:
             self._preview(dem, volume)
         return replace(report, warnings=tuple(self.warnings))
 
-    def _volume_part(self, scan: Scan) -> VolumePart | None:
-        """Build and write the volumes; None if there is none to build."""
+    def _volume_part(self, scan: Scan, beside: Beside) -> VolumePart | None:
+        """Build the volumes and write them; None if there is none to build."""
         base = self.target("") if self.kind in _WRITERS else None
         corners = self._corners(scan)
         if scan.builders:
             return make_volumes(
-                scan.builders, self.source, self.options, self.outputs, base, corners
+                scan.builders,
+                self.source,
+                self.options,
+                self.outputs,
+                base,
+                corners,
+                self.scratch,
+                beside,
             )
         if self.options.compat == "toolkit" and self.kind in _WRITERS and corners:
             from volatool.compat import make_toolkit_volume

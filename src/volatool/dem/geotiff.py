@@ -25,6 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool import resources
 from volatool._version import __version__
 from volatool.dem.gdal import BLOCK, gdal
 from volatool.dem.grid import Grid
@@ -35,6 +36,9 @@ from volatool.errors import OutputError
 from volatool.scratch import no_space
 
 Layer = Literal["flag", "count", "distance", "sigma"]
+
+MAX_THREADS = 4
+"""Threads that pack the tiles of a file; the bytes don't depend on their number."""
 
 _DESCRIPTIONS = {
     "dtm": "elevation, bare earth",
@@ -220,7 +224,7 @@ def _write(
             OVERVIEWS="IGNORE_EXISTING",
             OVERVIEW_RESAMPLING=resampling,
             BIGTIFF="IF_SAFER",
-            NUM_THREADS="1",
+            NUM_THREADS=str(min(MAX_THREADS, resources.n_threads())),
             GEOTIFF_VERSION="1.1",
         )
     # GDAL takes a full disk at the end of a file for success: read all of it
