@@ -126,6 +126,10 @@ class Scratch:
         self._maps[array.ctypes.data] = mapped
         return array
 
+    def is_filed(self, array: NDArray[Any]) -> bool:
+        """Tell whether an array that `zeros` returned is in a file."""
+        return array.ctypes.data in self._maps
+
     def relax(self, array: NDArray[Any], start: int = 0, stop: int | None = None) -> None:
         """
         Let rows of a file-backed array leave RAM until they are used again.
