@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from volatool.cube import Cube
 from volatool.errors import CodedWarning, InputError, OptionError, ResourceError
 from volatool.model import I64, Bool, PointChunk, Progress, as_fraction
 from volatool.options import ConvertOptions
+from volatool.points.ahead import ahead
 from volatool.points.select import Selection
 from volatool.reference import reference
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from volatool.vola.builder import VolaBuilder
 
 CubeIndex = tuple[int, int, int]
+Rest = TypeVar("Rest")
 BuilderMaker = Callable[[Cube], "VolaBuilder"]
 
 MAX_CUBES = 2048
@@ -158,9 +160,9 @@ class TileScanner:
         """
         expected = self._expected_box()
         census = self._census(expected)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
-            take(chunk, mask)
+        with ahead(self._counted(census)) as chunks:
+            for chunk, mask in self._told(chunks):
+                take(chunk, mask)
         if census.box is not None and census.box != expected and self.limits is None:
             census = self._survey(census.box)
         return Scan(census, {}, census.box, self.n_passes, self._box_warnings(census.box))
@@ -189,8 +191,9 @@ class TileScanner:
     def _survey(self, box: StoredBox) -> Census:
         """Read the tile for its census only."""
         census = self._census(box)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
+        with ahead(self._counted(census)) as chunks:
+            for _ in self._told(chunks):
+                pass
         return census
 
     def _census(self, box: StoredBox) -> Census:
@@ -198,16 +201,34 @@ class TileScanner:
         unit = self.source.crs.metres_per_unit_xy
         return Census(box, area_cell_for(box, scale, unit))
 
-    def _chunks(self, census: Census) -> Iterator[tuple[PointChunk, Bool | None]]:
-        """Yield the chunks of one pass with the mask of the points to use."""
+    def _counted(self, census: Census) -> Generator[tuple[PointChunk, Bool | None]]:
+        """Yield the chunks of one pass, added to the census, with the mask of the points to use."""
         self.n_passes += 1
-        done = 0
         for chunk in self.source.chunks(self.attributes, self.chunk_points):
             mask = self.selection.mask(chunk, census.dropped)
             if self.limits is not None:
                 mask = self._within_limits(chunk, mask, census.dropped)
+            census.add(chunk, mask)
             yield chunk, mask
-            done += len(chunk)
+
+    def _used(
+        self, census: Census, surface: SurfaceGatherer | None
+    ) -> Generator[tuple[PointChunk, PointChunk]]:
+        """Yield the chunks of one pass and what is used of them, given to the surface already."""
+        for chunk, mask in self._counted(census):
+            used = chunk if mask is None else chunk.take(mask)
+            if surface is not None:
+                surface.add(used)
+            yield chunk, used
+
+    def _told(
+        self, items: Iterator[tuple[PointChunk, Rest]]
+    ) -> Iterator[tuple[PointChunk, Rest]]:
+        """Yield chunks and what comes with them, and tell the progress after each."""
+        done = 0
+        for item in items:
+            yield item
+            done += len(item[0])
             self.progress(done, self.source.n_points)
 
     def _within_limits(self, chunk: PointChunk, mask: Bool | None, dropped: dict[str, int]) -> Bool:
@@ -225,15 +246,13 @@ class TileScanner:
         census = self._census(box)
         builders: dict[CubeIndex, VolaBuilder] | None = {} if self.with_volume else None
         cube = self._cube(box)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
-            used = chunk if mask is None else chunk.take(mask)
-            if surface is not None:
-                surface.add(used)
-            if builders is not None and len(used) and not self._build(used, builders, cube):
-                for builder in builders.values():
-                    builder.close()
-                builders = None
+        # all but the builders' work is done in the reader's thread: see `ahead`
+        with ahead(self._used(census, surface)) as chunks:
+            for _, used in self._told(chunks):
+                if builders is not None and len(used) and not self._build(used, builders, cube):
+                    for builder in builders.values():
+                        builder.close()
+                    builders = None
         return census, builders
 
     def _build(
