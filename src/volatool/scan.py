@@ -221,9 +221,7 @@ class TileScanner:
                 surface.add(used)
             yield chunk, used
 
-    def _told(
-        self, items: Iterator[tuple[PointChunk, Rest]]
-    ) -> Iterator[tuple[PointChunk, Rest]]:
+    def _told(self, items: Iterator[tuple[PointChunk, Rest]]) -> Iterator[tuple[PointChunk, Rest]]:
         """Yield chunks and what comes with them, and tell the progress after each."""
         done = 0
         for item in items:

@@ -6,7 +6,7 @@ import numpy as np
 
 from volatool.kernels._jit import kernel
 
-_OUTSIDE = np.uint64(2**64 - 1)
+OUTSIDE = np.uint64(2**64 - 1)
 
 
 @kernel
@@ -43,17 +43,55 @@ def _divide(num, length, reciprocal, last):
 
 
 @kernel
-def affine_keys(x, y, z, axes, depth):
+def affine_terms(axes, depth):
+    """Return what `cell_key` needs of an affine table, worked out once."""
+    return (
+        axes[0, 0], axes[0, 1], axes[0, 2], 1.0 / axes[0, 2],
+        axes[1, 0], axes[1, 1], axes[1, 2], 1.0 / axes[1, 2],
+        axes[2, 0], axes[2, 1], axes[2, 2], 1.0 / axes[2, 2],
+        np.int64(2 * depth), np.int64(4) ** depth - 1,
+    )  # fmt: skip
+
+
+@kernel
+def cell_key(x, y, z, is_affine, terms, table, lines):
+    """Path key of one point, ``2**64 - 1`` outside the cube; see `path_keys`."""
+    if not is_affine:
+        ix = _look_up(x, table[0], lines[0, 0], lines[0, 1])
+        iy = _look_up(y, table[1], lines[1, 0], lines[1, 1])
+        iz = _look_up(z, table[2], lines[2, 0], lines[2, 1])
+        return OUTSIDE if ix < 0 or iy < 0 or iz < 0 else _interleave(ix, iy, iz)
+    fx, sx, lx, rx, fy, sy, ly, ry, fz, sz, lz, rz, up, last = terms
+    nx, ny, nz = x * fx + sx, y * fy + sy, z * fz + sz
+    if (nx | ny | nz | (lx - nx) | (ly - ny) | (lz - nz)) < 0:  # the sign of any
+        return OUTSIDE
+    return _interleave(
+        _divide(nx << up, lx, rx, last),
+        _divide(ny << up, ly, ry, last),
+        _divide(nz << up, lz, rz, last),
+    )
+
+
+@kernel
+def path_keys(x, y, z, is_affine, table, lines, depth):
     """
-    Path keys of points whose place in the cube is an integer ratio.
+    Path keys of points.
 
     Parameters
     ----------
     x, y, z : (n,) arrays of int32
         Stored integers.
-    axes : (3, 3) array of int64
-        Rows x, y, z of (factor, shift, length): ``num = stored * factor + shift``, inside the
-        closed cube when ``0 <= num <= length``; ``length * 4**depth < 2**62``.
+    is_affine : bool
+        The place of a point in the cube is an integer ratio.
+    table : (3, 3) or (3, 4**depth + 1) array of int64
+        Rows x, y, z. Affine: (factor, shift, length): ``num = stored * factor + shift``, inside
+        the closed cube when ``0 <= num <= length``; ``length * 4**depth < 2**62``. Else: the
+        smallest stored integer of each cell, then the smallest one beyond the closed cube; never
+        decreasing.
+    lines : (3, 2) array of float64
+        Beside a table of first integers: about how many cells one step of the stored integers is,
+        and the place of 0; only the speed depends on them. Where the slope is negative the table
+        counts stored integers with their sign changed.
     depth : int
         Level of the cells, 1 to 10.
 
@@ -67,62 +105,11 @@ def affine_keys(x, y, z, axes, depth):
     ``num * S // length`` by a float64 reciprocal, put right by the integer remainder: the
     estimate is off by at most one.
     """
-    n = x.size
-    keys = np.empty(n, np.uint64)
-    last = np.int64(4) ** depth - 1
-    up = np.int64(2 * depth)
-    fx, sx, lx = axes[0, 0], axes[0, 1], axes[0, 2]
-    fy, sy, ly = axes[1, 0], axes[1, 1], axes[1, 2]
-    fz, sz, lz = axes[2, 0], axes[2, 1], axes[2, 2]
-    rx, ry, rz = 1.0 / lx, 1.0 / ly, 1.0 / lz
-    for i in range(n):
-        nx = np.int64(x[i]) * fx + sx
-        ny = np.int64(y[i]) * fy + sy
-        nz = np.int64(z[i]) * fz + sz
-        if (nx | ny | nz | (lx - nx) | (ly - ny) | (lz - nz)) < 0:  # the sign of any
-            keys[i] = _OUTSIDE
-            continue
-        ix = _divide(nx << up, lx, rx, last)
-        iy = _divide(ny << up, ly, ry, last)
-        iz = _divide(nz << up, lz, rz, last)
-        keys[i] = _interleave(ix, iy, iz)
-    return keys
-
-
-@kernel
-def tabulated_keys(x, y, z, first, lines, depth):
-    """
-    Path keys of points by a table of the first stored integer of each cell.
-
-    Parameters
-    ----------
-    x, y, z : (n,) arrays of int32
-        Stored integers.
-    first : (3, 4**depth + 1) array of int64
-        Rows x, y, z: the smallest stored integer of each cell, then the smallest one beyond the
-        closed cube. Never decreasing.
-    lines : (3, 2) array of float64
-        About how many cells one step of the stored integers is, and the place of 0; only the
-        speed depends on them. Where the slope is negative `first` counts stored integers with
-        their sign changed.
-    depth : int
-        Level of the cells, 1 to 10.
-
-    Returns
-    -------
-    keys : (n,) array of uint64
-        ``2**64 - 1`` for points outside.
-    """
-    n = x.size
-    keys = np.empty(n, np.uint64)
-    for i in range(n):
-        ix = _look_up(x[i], first[0], lines[0, 0], lines[0, 1])
-        iy = _look_up(y[i], first[1], lines[1, 0], lines[1, 1])
-        iz = _look_up(z[i], first[2], lines[2, 0], lines[2, 1])
-        if ix < 0 or iy < 0 or iz < 0:
-            keys[i] = _OUTSIDE
-        else:
-            keys[i] = _interleave(ix, iy, iz)
+    keys = np.empty(x.size, np.uint64)
+    terms = affine_terms(table, depth)
+    for i in range(x.size):
+        px, py, pz = np.int64(x[i]), np.int64(y[i]), np.int64(z[i])
+        keys[i] = cell_key(px, py, pz, is_affine, terms, table, lines)
     return keys
 
 
