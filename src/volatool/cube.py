@@ -229,7 +229,8 @@ class Quantizer:
         """
         from volatool.kernels import quantize
 
-        keys: U64 = quantize.path_keys(x, y, z, *self.plan, self.depth)
+        keys = np.empty(len(x), np.uint64)
+        quantize.path_keys(x, y, z, *self.plan, self.depth, keys)
         return keys
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from volatool.kernels._jit import kernel
-from volatool.kernels.quantize import OUTSIDE, affine_terms, cell_key
+from volatool.kernels.quantize import OUTSIDE, path_keys
 from volatool.kernels.reduce import ROW
 
 NEXT, KEYS, OUT, ROWS = range(4)
 """Fields of a tally: next point, keys written, points outside, rows in use."""
+
+BLOCK = 2048
+"""Points whose cells are found together, in vectors."""
 
 EMPTY = np.int32(-1)
 """A slot without a row."""
@@ -33,24 +36,37 @@ def collect_keys(x, y, z, is_affine, table, lines, depth, keys, tally, box):
     box : (6,) array of int64
         Smallest x, y, z, then largest, of the points inside. Widened.
     """
-    terms = affine_terms(table, depth)
-    x0, y0, z0, x1, y1, z1 = box[0], box[1], box[2], box[3], box[4], box[5]
+    cells = np.empty(BLOCK, np.uint64)
     n_keys = n_outside = np.int64(0)
     last = OUTSIDE
-    for i in range(x.size):
-        px, py, pz = np.int64(x[i]), np.int64(y[i]), np.int64(z[i])
-        key = cell_key(px, py, pz, is_affine, terms, table, lines)
-        if key == OUTSIDE:
-            n_outside += 1
-            continue
-        x0, y0, z0 = min(x0, px), min(y0, py), min(z0, pz)
-        x1, y1, z1 = max(x1, px), max(y1, py), max(z1, pz)
-        n_keys += np.int64(key != last)
-        keys[n_keys - 1] = key
-        last = key
-    box[0], box[1], box[2], box[3], box[4], box[5] = x0, y0, z0, x1, y1, z1
+    for start in range(0, x.size, BLOCK):
+        xs, ys, zs = x[start : start + BLOCK], y[start : start + BLOCK], z[start : start + BLOCK]
+        path_keys(xs, ys, zs, is_affine, table, lines, depth, cells)
+        _widen(box, xs, ys, zs, cells)
+        for i in range(xs.size):
+            key = cells[i]
+            n_outside += np.int64(key == OUTSIDE)
+            keys[n_keys] = key
+            n_keys += np.int64(key != last and key != OUTSIDE)
+            last = key
     tally[KEYS] = n_keys
     tally[OUT] += n_outside
+
+
+@kernel
+def _widen(box, x, y, z, cells):
+    """Grow a box to hold the points that are in a cell."""
+    x0, y0, z0 = np.int32(2**31 - 1), np.int32(2**31 - 1), np.int32(2**31 - 1)
+    x1, y1, z1 = np.int32(-(2**31)), np.int32(-(2**31)), np.int32(-(2**31))
+    n_inside = np.int64(0)
+    for i in range(x.size):
+        if cells[i] != OUTSIDE:
+            n_inside += 1
+            x0, y0, z0 = min(x0, x[i]), min(y0, y[i]), min(z0, z[i])
+            x1, y1, z1 = max(x1, x[i]), max(y1, y[i]), max(z1, z[i])
+    if n_inside:
+        box[0], box[1], box[2] = min(box[0], x0), min(box[1], y0), min(box[2], z0)
+        box[3], box[4], box[5] = max(box[3], x1), max(box[4], y1), max(box[5], z1)
 
 
 @kernel
@@ -82,46 +98,48 @@ def collect_sums(
     ranges : (4,) array of int64
         Smallest and largest height, largest colour and intensity. Widened.
     """
-    terms = affine_terms(table, depth)
-    x0, y0, z0, x1, y1, z1 = box[0], box[1], box[2], box[3], box[4], box[5]
+    cells = np.empty(BLOCK, np.uint64)
     low, high, brightest, strongest = ranges[0], ranges[1], ranges[2], ranges[3]
     i, n_keys, n_outside, n_rows = tally[0], tally[1], tally[2], tally[3]
     shift = np.uint64(6 * digits)
     last = OUTSIDE
-    last_row = np.int64(0)
+    row = np.int64(0)
     last_name = np.int64(-1)
-    while i < x.size:
-        px, py, pz = np.int64(x[i]), np.int64(y[i]), np.int64(z[i])
-        key = cell_key(px, py, pz, is_affine, terms, table, lines)
-        if key == OUTSIDE:
-            n_outside += 1
+    is_full = False
+    while i < x.size and not is_full:
+        start, stop = i, min(i + BLOCK, x.size)
+        xs, ys, zs = x[start:stop], y[start:stop], z[start:stop]
+        path_keys(xs, ys, zs, is_affine, table, lines, depth, cells)
+        _widen(box, xs, ys, zs, cells)
+        while i < stop:
+            key = cells[i - start]
+            if key == OUTSIDE:
+                n_outside += 1
+                i += 1
+                continue
+            name = (np.int64(key >> shift) << 8) | np.int64(code[i])
+            if name != last_name:
+                if n_rows == rows.shape[0]:
+                    is_full = True
+                    break
+                row = _row_of(name, slots, rows, n_rows)
+                last_name = name
+                n_rows = max(n_rows, row + 1)
+            keys[n_keys] = key
+            n_keys += np.int64(key != last)
+            last = key
+            r, g, b = np.int64(red[i]), np.int64(green[i]), np.int64(blue[i])
+            h, strength = np.int64(height[i]), np.int64(intensity[i])
+            low, high = min(low, h), max(high, h)
+            brightest, strongest = max(brightest, r, g, b), max(strongest, strength)
+            rows[row, 1] += 1
+            rows[row, 2] += r
+            rows[row, 3] += g
+            rows[row, 4] += b
+            rows[row, 5] += h
+            rows[row, 6] += np.int64(returns[i])
+            rows[row, 7] += strength
             i += 1
-            continue
-        name = (np.int64(key >> shift) << 8) | np.int64(code[i])
-        if name != last_name:
-            if n_rows == rows.shape[0]:
-                break
-            last_row = _row_of(name, slots, rows, n_rows)
-            last_name = name
-            n_rows = max(n_rows, last_row + 1)
-        x0, y0, z0 = min(x0, px), min(y0, py), min(z0, pz)
-        x1, y1, z1 = max(x1, px), max(y1, py), max(z1, pz)
-        n_keys += np.int64(key != last)
-        keys[n_keys - 1] = key
-        last = key
-        r, g, b = np.int64(red[i]), np.int64(green[i]), np.int64(blue[i])
-        h, strength = np.int64(height[i]), np.int64(intensity[i])
-        low, high = min(low, h), max(high, h)
-        brightest, strongest = max(brightest, r, g, b), max(strongest, strength)
-        rows[last_row, 1] += 1
-        rows[last_row, 2] += r
-        rows[last_row, 3] += g
-        rows[last_row, 4] += b
-        rows[last_row, 5] += h
-        rows[last_row, 6] += np.int64(returns[i])
-        rows[last_row, 7] += strength
-        i += 1
-    box[0], box[1], box[2], box[3], box[4], box[5] = x0, y0, z0, x1, y1, z1
     ranges[0], ranges[1], ranges[2], ranges[3] = low, high, brightest, strongest
     tally[0], tally[1], tally[2], tally[3] = i, n_keys, n_outside, n_rows
 

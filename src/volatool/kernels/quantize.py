@@ -43,37 +43,42 @@ def _divide(num, length, reciprocal, last):
 
 
 @kernel
-def affine_terms(axes, depth):
-    """Return what `cell_key` needs of an affine table, worked out once."""
-    return (
-        axes[0, 0], axes[0, 1], axes[0, 2], 1.0 / axes[0, 2],
-        axes[1, 0], axes[1, 1], axes[1, 2], 1.0 / axes[1, 2],
-        axes[2, 0], axes[2, 1], axes[2, 2], 1.0 / axes[2, 2],
-        np.int64(2 * depth), np.int64(4) ** depth - 1,
-    )  # fmt: skip
+def _affine_keys(x, y, z, axes, depth, keys):
+    """Fill `keys` by an affine table; see `path_keys`. The compiler makes vectors of this loop."""
+    last = np.int64(4) ** depth - 1
+    up = np.int64(2 * depth)
+    fx, sx, lx = axes[0, 0], axes[0, 1], axes[0, 2]
+    fy, sy, ly = axes[1, 0], axes[1, 1], axes[1, 2]
+    fz, sz, lz = axes[2, 0], axes[2, 1], axes[2, 2]
+    rx, ry, rz = 1.0 / lx, 1.0 / ly, 1.0 / lz
+    for i in range(x.size):
+        nx = np.int64(x[i]) * fx + sx
+        ny = np.int64(y[i]) * fy + sy
+        nz = np.int64(z[i]) * fz + sz
+        if (nx | ny | nz | (lx - nx) | (ly - ny) | (lz - nz)) < 0:  # the sign of any
+            keys[i] = OUTSIDE
+            continue
+        ix = _divide(nx << up, lx, rx, last)
+        iy = _divide(ny << up, ly, ry, last)
+        iz = _divide(nz << up, lz, rz, last)
+        keys[i] = _interleave(ix, iy, iz)
 
 
 @kernel
-def cell_key(x, y, z, is_affine, terms, table, lines):
-    """Path key of one point, ``2**64 - 1`` outside the cube; see `path_keys`."""
-    if not is_affine:
-        ix = _look_up(x, table[0], lines[0, 0], lines[0, 1])
-        iy = _look_up(y, table[1], lines[1, 0], lines[1, 1])
-        iz = _look_up(z, table[2], lines[2, 0], lines[2, 1])
-        return OUTSIDE if ix < 0 or iy < 0 or iz < 0 else _interleave(ix, iy, iz)
-    fx, sx, lx, rx, fy, sy, ly, ry, fz, sz, lz, rz, up, last = terms
-    nx, ny, nz = x * fx + sx, y * fy + sy, z * fz + sz
-    if (nx | ny | nz | (lx - nx) | (ly - ny) | (lz - nz)) < 0:  # the sign of any
-        return OUTSIDE
-    return _interleave(
-        _divide(nx << up, lx, rx, last),
-        _divide(ny << up, ly, ry, last),
-        _divide(nz << up, lz, rz, last),
-    )
+def _tabulated_keys(x, y, z, first, lines, keys):
+    """Fill `keys` by a table of first integers; see `path_keys`."""
+    for i in range(x.size):
+        ix = _look_up(x[i], first[0], lines[0, 0], lines[0, 1])
+        iy = _look_up(y[i], first[1], lines[1, 0], lines[1, 1])
+        iz = _look_up(z[i], first[2], lines[2, 0], lines[2, 1])
+        if ix < 0 or iy < 0 or iz < 0:
+            keys[i] = OUTSIDE
+        else:
+            keys[i] = _interleave(ix, iy, iz)
 
 
 @kernel
-def path_keys(x, y, z, is_affine, table, lines, depth):
+def path_keys(x, y, z, is_affine, table, lines, depth, keys):
     """
     Path keys of points.
 
@@ -94,23 +99,18 @@ def path_keys(x, y, z, is_affine, table, lines, depth):
         counts stored integers with their sign changed.
     depth : int
         Level of the cells, 1 to 10.
-
-    Returns
-    -------
     keys : (n,) array of uint64
-        ``2**64 - 1`` for points outside.
+        Filled; ``2**64 - 1`` for points outside.
 
     Notes
     -----
     ``num * S // length`` by a float64 reciprocal, put right by the integer remainder: the
     estimate is off by at most one.
     """
-    keys = np.empty(x.size, np.uint64)
-    terms = affine_terms(table, depth)
-    for i in range(x.size):
-        px, py, pz = np.int64(x[i]), np.int64(y[i]), np.int64(z[i])
-        keys[i] = cell_key(px, py, pz, is_affine, terms, table, lines)
-    return keys
+    if is_affine:
+        _affine_keys(x, y, z, table, depth, keys)
+    else:
+        _tabulated_keys(x, y, z, table, lines, keys)
 
 
 @kernel

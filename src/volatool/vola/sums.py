@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.cube import OUTSIDE, Quantizer
 from volatool.errors import OptionError
 from volatool.model import I32, I64, U64, PointChunk
 from volatool.scratch import Scratch
 from volatool.vola.fold import Sink, fold_sums
-from volatool.vola.metadata import ATTRIBUTES, Ranges, Scaling, check_channels
+from volatool.vola.metadata import ATTRIBUTES, Ranges, Scaling, attributes_for, check_channels
 from volatool.vola.runs import SumRuns
-
-if TYPE_CHECKING:
-    from volatool.cube import Quantizer
 
 _LEAST_ROWS = 1 << 14
 """Rows of the smallest table."""
@@ -53,7 +51,9 @@ class MetadataSums:
     -----
     The sums are in a hash table as long as the budget has room for it; then its rows become a
     sorted run and a new table begins. Points that follow each other in a file mostly are in one
-    block or in few, so that most of them find their row in the processor's cache.
+    block or in few, so that most of them find their row in the processor's cache. The first points
+    are held back until it is plain which levels have too many blocks: a row takes more memory than
+    a point.
     """
 
     def __init__(
@@ -76,6 +76,9 @@ class MetadataSums:
         self._n_rows = 0
         self._counted_bytes = 0  # of the table, in the budget
         far = np.iinfo(np.int64)
+        self._held: list[tuple[PointChunk, Quantizer]] = []
+        self._held_bytes = 0
+        self._patience = 2 * limit if math.isfinite(limit) else 0.0  # points to hold back
         self._ranges: I64 = np.array([far.max, far.min, 0, 0])
         self._heights: tuple[float, float] | None = None  # scale and offset of the sums of z
         self._nothing: dict[str, NDArray[Any]] = {}
@@ -115,6 +118,10 @@ class MetadataSums:
         from volatool.kernels import collect
 
         x, y, z = (np.ascontiguousarray(a, np.int32) for a in (points.x, points.y, points.z))
+        if self._patience:
+            collect.collect_keys(x, y, z, *quantizer.plan, quantizer.depth, keys, tally, box)
+            self._hold(points, quantizer)
+            return
         heights = self._stored_heights(points, z)
         code, red, green, blue, returns, intensity = (self._column(points, n) for n in _DTYPES)
         if not len(self._rows):
@@ -147,10 +154,48 @@ class MetadataSums:
                 return
             self._make_room()
 
+    def _hold(self, points: PointChunk, quantizer: Quantizer) -> None:
+        """Keep points for later, if the budget has the memory."""
+        names = attributes_for(self.channels)
+        copy = PointChunk(
+            points.start,
+            points.x.copy(),
+            points.y.copy(),
+            points.z.copy(),
+            points.scale,
+            points.offset,
+            {name: points.attributes[name].copy() for name in names},
+        )
+        self._held.append((copy, quantizer))
+        n_bytes = 12 * len(copy) + sum(values.nbytes for values in copy.attributes.values())
+        if self._scratch.take(n_bytes, self._share):
+            self._held_bytes += n_bytes
+            self._patience -= len(copy)
+        else:
+            self._patience = 0.0
+        if self._patience <= 0:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Give up the levels with too many blocks and add the points that were held back."""
+        self._patience = 0.0
+        held, self._held = self._held, []
+        if not held:
+            return
+        keys = np.concatenate([quantizer.keys(p.x, p.y, p.z) for p, quantizer in held])
+        keys.sort()
+        keys = keys[: np.searchsorted(keys, OUTSIDE)]
+        self._rule_out(keys >> np.uint64(6 * (held[0][1].depth - self.level + 1)))
+        for points, quantizer in held:
+            keys = np.empty(len(points), np.uint64)  # and what is told here is known already
+            self.add(points, quantizer, keys, np.zeros(4, np.int64), np.zeros(6, np.int64))
+        self._scratch.give(self._held_bytes)
+        self._held_bytes = 0
+
     def _make_room(self) -> None:
         """Have a free row: by coarser blocks, a larger table or an empty one."""
         if self._n_rows > self._next_count:
-            self._rule_out()
+            self._rule_out(np.sort((self._rows[: self._n_rows, 0] >> 8).view(np.uint64)))
         if self._n_rows > len(self._rows) // 2:
             self._widen()
 
@@ -167,7 +212,8 @@ class MetadataSums:
             self._empty()
             return
         rows[: self._n_rows] = self._rows[: self._n_rows]
-        self._scratch.give(self._counted_bytes)
+        self._scratch.give(self._counted_bytes + self._held_bytes)
+        self._held, self._held_bytes = [], 0
         self._rows, self._slots = rows, slots
         self._counted_bytes = n_bytes if is_counted else 0
         collect.regroup(self._rows, self._n_rows, 0, self._slots)
@@ -188,18 +234,17 @@ class MetadataSums:
         collect.permute_rows(rows, np.argsort(rows[:, 0].copy()))
         return rows
 
-    def _rule_out(self) -> None:
-        """Give up the levels that have too many blocks already."""
+    def _rule_out(self, blocks: U64) -> None:
+        """Give up the levels that have too many blocks: of these, sorted, of the level at hand."""
         from volatool.kernels import levels
 
-        blocks = np.sort((self._rows[: self._n_rows, 0] >> 8).view(np.uint64))
         voxels = levels.prefix_counts(blocks, self.level - 1)
         level = self.level
         while level > 2 and voxels[level - 1] > self._limit:  # of the level above: its blocks
             level -= 1
         self.coarsen_to(level)
         # every further block is a row more at least
-        self._next_count = self._n_rows + max(0, self._limit - voxels[level - 1])
+        self._next_count = self._n_rows + self._limit - voxels[level - 1]
 
     @property
     def ranges(self) -> Ranges:
@@ -250,16 +295,19 @@ class MetadataSums:
 
     def scaling(self, z_unit: str | None) -> Scaling:
         """Return how the sums become bytes, for the points added so far."""
+        self._settle()
         scale, offset = self._heights or (1.0, 0.0)
         return Scaling.of(self.channels, self.ranges, scale, offset, z_unit)
 
     def fold(self, scaling: Scaling, sink: Sink) -> None:
         """Hand the metadata words of levels 1 to `level` to a sink, piece by piece."""
+        self._settle()
         fold_sums(self._runs.stream(self._sorted()), self.level, scaling, sink)
 
     def close(self) -> None:
         """Drop everything."""
-        self._scratch.give(self._counted_bytes)
+        self._scratch.give(self._counted_bytes + self._held_bytes)
+        self._held, self._held_bytes = [], 0
         self._rows, self._slots = self._rows[:0].copy(), self._slots[:0].copy()
         self._n_rows = self._counted_bytes = 0
         self._runs.close()
