@@ -121,8 +121,9 @@ class TileScanner:
             | channel_attributes
             | (_CENSUS_ATTRIBUTES & header.dimensions)
         )
-        # a chunk, its decoded records and its sorted keys must fit beside everything else
-        room = max(1000, (options.memory // 8) // (header.record_bytes + 100))
+        # four chunks (in the making, waiting, in use), decoded records and keys must fit beside
+        # everything else
+        room = max(1000, (options.memory // 8) // (header.record_bytes + 200))
         self.chunk_points = min(options.chunk_points, room)
         self.limits: HeightLimits | None = None
         self.n_passes = 0
