@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from volatool.ahead import ahead
 from volatool.census import (
     Census,
     HeightLimits,
@@ -23,7 +24,6 @@ from volatool.cube import Cube
 from volatool.errors import CodedWarning, InputError, OptionError, ResourceError
 from volatool.model import I64, Bool, PointChunk, Progress, as_fraction
 from volatool.options import ConvertOptions
-from volatool.points.ahead import ahead
 from volatool.points.select import Selection
 from volatool.reference import reference
 

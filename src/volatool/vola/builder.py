@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import closing
 from fractions import Fraction
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from volatool.ahead import ahead
 from volatool.cube import MAX_DEPTH, OUTSIDE, Cube, Quantizer
 from volatool.errors import OptionError, ResourceError
 from volatool.model import I64, U64, CrsInfo, PointChunk
@@ -211,25 +213,27 @@ class VolaBuilder:
         """
         if self._built is None:
             is_limited = self._keep_depth is None and self._hint is not None
-            self._built = Built(
-                self._drained_keys(),
-                self._sums,
-                cube=self.cube,
-                crs=self.crs,
-                n_points=self.n_points,
-                box=self._box(),
-                max_depth=self.max_depth,
-                keep=self._keep_depth or self.max_depth,
-                limit=self._limit(max(self.n_points, self._hint or 0))
-                if is_limited
-                else float("inf"),
-                scratch=self._scratch,
-            )
+            with closing(self._drained_keys()) as keys:
+                self._built = Built(
+                    keys,
+                    self._sums,
+                    cube=self.cube,
+                    crs=self.crs,
+                    n_points=self.n_points,
+                    box=self._box(),
+                    max_depth=self.max_depth,
+                    keep=self._keep_depth or self.max_depth,
+                    limit=self._limit(max(self.n_points, self._hint or 0))
+                    if is_limited
+                    else float("inf"),
+                    scratch=self._scratch,
+                )
             self._sums.close()
         return self._built
 
-    def _drained_keys(self) -> Iterator[U64]:
-        yield from self._keys.stream()
+    def _drained_keys(self) -> Generator[U64]:
+        with ahead(self._keys.stream()) as pieces:  # merged in a thread while they are folded
+            yield from pieces
         self._keys.close()  # before the metadata is folded: not both at once
 
     def finish(self, depth: int | str = "auto", min_occupancy: float | None = None) -> Volume:

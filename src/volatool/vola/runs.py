@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
@@ -128,7 +128,7 @@ class Runs:
     def _folded(self, pieces: Iterator[Rows], digits: int) -> Iterator[Rows]:
         raise NotImplementedError
 
-    def _merged(self, streams: list[Iterator[Rows]]) -> Iterator[Rows]:
+    def _merged(self, streams: list[Iterator[Rows]]) -> Generator[Rows]:
         """Merge sorted streams: each time the rows up to the least of the last keys in sight."""
         heads: list[Rows] = []
         alive: list[Iterator[Rows]] = []
@@ -159,7 +159,7 @@ class Runs:
                     else:
                         heads[i] = following
 
-    def stream(self, *runs: Rows) -> Iterator[Rows]:
+    def stream(self, *runs: Rows) -> Generator[Rows]:
         """
         Yield all rows in order, in pieces.
 
@@ -333,7 +333,7 @@ class KeyRuns(Runs):
             self._scratch.give(_held_bytes(run))
         self._stack = []
 
-    def stream(self, *runs: Rows) -> Iterator[Rows]:
+    def stream(self, *runs: Rows) -> Generator[Rows]:
         """
         Yield all keys in order, in pieces.
 

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from volatool.points.ahead import ahead
+from volatool.ahead import ahead
 
 
 def readers():
