@@ -7,7 +7,7 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from volatool.vola.builder import VolaBuilder
 
 CubeIndex = tuple[int, int, int]
-Rest = TypeVar("Rest")
 BuilderMaker = Callable[[Cube], "VolaBuilder"]
 
 MAX_CUBES = 2048
@@ -85,7 +84,7 @@ class TileScanner:
     surface : SurfaceGatherer or None
         Takes the points of the elevation model.
     progress : callable
-        Called with (points done, points of the file).
+        Called with (points done, points of the file), in the thread that reads.
     with_volume : bool
         Build volumes; without them the box does not matter.
     """
@@ -162,7 +161,7 @@ class TileScanner:
         expected = self._expected_box()
         census = self._census(expected)
         with ahead(self._counted(census)) as chunks:
-            for chunk, mask in self._told(chunks):
+            for chunk, mask in chunks:
                 take(chunk, mask)
         if census.box is not None and census.box != expected and self.limits is None:
             census = self._survey(census.box)
@@ -193,7 +192,7 @@ class TileScanner:
         """Read the tile for its census only."""
         census = self._census(box)
         with ahead(self._counted(census)) as chunks:
-            for _ in self._told(chunks):
+            for _ in chunks:
                 pass
         return census
 
@@ -205,30 +204,24 @@ class TileScanner:
     def _counted(self, census: Census) -> Generator[tuple[PointChunk, Bool | None]]:
         """Yield the chunks of one pass, added to the census, with the mask of the points to use."""
         self.n_passes += 1
+        done = 0
         for chunk in self.source.chunks(self.attributes, self.chunk_points):
             mask = self.selection.mask(chunk, census.dropped)
             if self.limits is not None:
                 mask = self._within_limits(chunk, mask, census.dropped)
             census.add(chunk, mask)
             yield chunk, mask
+            done += len(chunk)
+            # here and not by who asks for the chunks: stderr is shut while LAZ is decoded
+            self.progress(done, self.source.n_points)
 
-    def _used(
-        self, census: Census, surface: SurfaceGatherer | None
-    ) -> Generator[tuple[PointChunk, PointChunk]]:
-        """Yield the chunks of one pass and what is used of them, given to the surface already."""
+    def _used(self, census: Census, surface: SurfaceGatherer | None) -> Generator[PointChunk]:
+        """Yield what is used of the chunks of one pass, given to the surface already."""
         for chunk, mask in self._counted(census):
             used = chunk if mask is None else chunk.take(mask)
             if surface is not None:
                 surface.add(used)
-            yield chunk, used
-
-    def _told(self, items: Iterator[tuple[PointChunk, Rest]]) -> Iterator[tuple[PointChunk, Rest]]:
-        """Yield chunks and what comes with them, and tell the progress after each."""
-        done = 0
-        for item in items:
-            yield item
-            done += len(item[0])
-            self.progress(done, self.source.n_points)
+            yield used
 
     def _within_limits(self, chunk: PointChunk, mask: Bool | None, dropped: dict[str, int]) -> Bool:
         assert self.limits is not None
@@ -247,7 +240,7 @@ class TileScanner:
         cube = self._cube(box)
         # all but the builders' work is done in the reader's thread: see `ahead`
         with ahead(self._used(census, surface)) as chunks:
-            for _, used in self._told(chunks):
+            for used in chunks:
                 if builders is not None and len(used) and not self._build(used, builders, cube):
                     for builder in builders.values():
                         builder.close()
