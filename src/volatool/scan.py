@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from volatool.ahead import ahead
 from volatool.census import (
     Census,
     HeightLimits,
@@ -83,7 +84,7 @@ class TileScanner:
     surface : SurfaceGatherer or None
         Takes the points of the elevation model.
     progress : callable
-        Called with (points done, points of the file).
+        Called with (points done, points of the file), in the thread that reads.
     with_volume : bool
         Build volumes; without them the box does not matter.
     """
@@ -119,8 +120,9 @@ class TileScanner:
             | channel_attributes
             | (_CENSUS_ATTRIBUTES & header.dimensions)
         )
-        # a chunk, its decoded records and its sorted keys must fit beside everything else
-        room = max(1000, (options.memory // 8) // (header.record_bytes + 100))
+        # four chunks (in the making, waiting, in use), decoded records and keys must fit beside
+        # everything else
+        room = max(1000, (options.memory // 8) // (header.record_bytes + 200))
         self.chunk_points = min(options.chunk_points, room)
         self.limits: HeightLimits | None = None
         self.n_passes = 0
@@ -158,9 +160,9 @@ class TileScanner:
         """
         expected = self._expected_box()
         census = self._census(expected)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
-            take(chunk, mask)
+        with ahead(self._counted(census)) as chunks:
+            for chunk, mask in chunks:
+                take(chunk, mask)
         if census.box is not None and census.box != expected and self.limits is None:
             census = self._survey(census.box)
         return Scan(census, {}, census.box, self.n_passes, self._box_warnings(census.box))
@@ -189,8 +191,9 @@ class TileScanner:
     def _survey(self, box: StoredBox) -> Census:
         """Read the tile for its census only."""
         census = self._census(box)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
+        with ahead(self._counted(census)) as chunks:
+            for _ in chunks:
+                pass
         return census
 
     def _census(self, box: StoredBox) -> Census:
@@ -198,17 +201,27 @@ class TileScanner:
         unit = self.source.crs.metres_per_unit_xy
         return Census(box, area_cell_for(box, scale, unit))
 
-    def _chunks(self, census: Census) -> Iterator[tuple[PointChunk, Bool | None]]:
-        """Yield the chunks of one pass with the mask of the points to use."""
+    def _counted(self, census: Census) -> Generator[tuple[PointChunk, Bool | None]]:
+        """Yield the chunks of one pass, added to the census, with the mask of the points to use."""
         self.n_passes += 1
         done = 0
         for chunk in self.source.chunks(self.attributes, self.chunk_points):
             mask = self.selection.mask(chunk, census.dropped)
             if self.limits is not None:
                 mask = self._within_limits(chunk, mask, census.dropped)
+            census.add(chunk, mask)
             yield chunk, mask
             done += len(chunk)
+            # here and not by who asks for the chunks: stderr is shut while LAZ is decoded
             self.progress(done, self.source.n_points)
+
+    def _used(self, census: Census, surface: SurfaceGatherer | None) -> Generator[PointChunk]:
+        """Yield what is used of the chunks of one pass, given to the surface already."""
+        for chunk, mask in self._counted(census):
+            used = chunk if mask is None else chunk.take(mask)
+            if surface is not None:
+                surface.add(used)
+            yield used
 
     def _within_limits(self, chunk: PointChunk, mask: Bool | None, dropped: dict[str, int]) -> Bool:
         assert self.limits is not None
@@ -225,15 +238,13 @@ class TileScanner:
         census = self._census(box)
         builders: dict[CubeIndex, VolaBuilder] | None = {} if self.with_volume else None
         cube = self._cube(box)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
-            used = chunk if mask is None else chunk.take(mask)
-            if surface is not None:
-                surface.add(used)
-            if builders is not None and len(used) and not self._build(used, builders, cube):
-                for builder in builders.values():
-                    builder.close()
-                builders = None
+        # all but the builders' work is done in the reader's thread: see `ahead`
+        with ahead(self._used(census, surface)) as chunks:
+            for used in chunks:
+                if builders is not None and len(used) and not self._build(used, builders, cube):
+                    for builder in builders.values():
+                        builder.close()
+                    builders = None
         return census, builders
 
     def _build(

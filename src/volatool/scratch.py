@@ -8,6 +8,7 @@ from __future__ import annotations
 import mmap
 import os
 import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -38,6 +39,7 @@ class Scratch:
         self.used_bytes = 0
         self.spilled_bytes = 0
         self._maps: dict[int, mmap.mmap] = {}
+        self._lock = threading.Lock()  # the reader's thread and the builders' share one budget
 
     def __enter__(self) -> Scratch:
         return self
@@ -71,14 +73,17 @@ class Scratch:
         granted : bool
             False: use a file. True: give it back with `give`.
         """
-        if self.budget_bytes is not None and self.used_bytes + n_bytes > self.budget_bytes * share:
-            return False
-        self.used_bytes += n_bytes
-        return True
+        with self._lock:
+            used = self.used_bytes + n_bytes
+            if self.budget_bytes is not None and used > self.budget_bytes * share:
+                return False
+            self.used_bytes = used
+            return True
 
     def give(self, n_bytes: int) -> None:
         """Give memory back to the budget."""
-        self.used_bytes -= n_bytes
+        with self._lock:
+            self.used_bytes -= n_bytes
 
     def file(self) -> BinaryIO:
         """
