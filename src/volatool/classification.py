@@ -166,7 +166,7 @@ class _Tile:
         )
         scan = scanner.visit(take)
         resources.drop_library_code()
-        points = gatherer.result()
+        points = gatherer.result(threads=resources.n_threads())
         if len(points):
             self._fit(points, source)
         points.close()

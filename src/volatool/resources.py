@@ -103,10 +103,11 @@ def _load_libraries() -> None:
         quantize,
         reduce,
         spring,
+        surface,
         words,
     )
 
-    del binning, contiguity, ground, levels, multigrid, reduce, spring, words
+    del binning, contiguity, ground, levels, multigrid, reduce, spring, surface, words
     quantize.key_cells(np.zeros(1, np.uint64), 1)  # the first kernel brings in the compiler
 
 

@@ -16,7 +16,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Generator, Iterable, Iterator
-from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
@@ -155,7 +154,7 @@ class _Run:
         self._give(worker, unit)
 
     def _give(self, worker: _Worker, unit: Unit) -> None:
-        worker.give(replace(unit, threads=self.pool.threads))
+        worker.give(unit)
         self.watcher.started(unit)
 
     def _take(self, worker: _Worker, message: Any) -> Iterator[tuple[Unit, Result]]:

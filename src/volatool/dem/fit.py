@@ -73,7 +73,7 @@ def fit(
     if barriers is not None:
         barriers.hold(evidence, tuned.springs.weight)
     cuts = None if barriers is None else barriers.cuts
-    z, infos = solve_nets(evidence, tuned.nets, tol, cuts, progress)
+    z, infos = solve_nets(evidence, tuned.nets, tol, cuts, progress, threads)
     springs = tuned.nets[0].springs
     return z, {
         "method": infos[0].method,

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volatool import resources
 from volatool.dem.cell import mean_spacing, occupied
 from volatool.dem.gather import ROW, SHARE, Beyond, SurfaceGatherer, SurfacePoints
 from volatool.dem.grid import Grid, extended
@@ -191,7 +192,7 @@ def meet_neighbours(
         for item in near:
             _check_crs(item, source)
         beyond, used, warnings = _read(near, box, surface, options, scratch)
-        points = surface.result(source.crs, beyond)
+        points = surface.result(source.crs, beyond, resources.n_threads())
         spacing = mean_spacing(points, source.crs.metres_per_unit_xy) / own.cell
         needed, is_open = _needed(points, own, tile, grid, near, spacing)
         wider = min(max(MOST_CELLS, cells), max(needed, 3 * cells if is_open else 0))

@@ -376,7 +376,14 @@ class GroundFilter:
             evidence.relax()
             self.scratch.relax(sheet)
         start = None if is_first else self.z
-        z, _ = solve(evidence, SPRINGS, tol=TOLERANCE_M, start=start, consume=True)
+        z, _ = solve(
+            evidence,
+            SPRINGS,
+            tol=TOLERANCE_M,
+            start=start,
+            consume=True,
+            threads=self.crew.threads,
+        )
         if start is not None:
             self.scratch.free(start)
         self.z = z
