@@ -14,6 +14,7 @@ from volatool.batch.plan import expand
 from volatool.errors import OptionError, VolatoolError
 from volatool.naming import IMPORT_SUFFIXES, POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
+from volatool.remote.path import path_of
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
 from volatool_cli.output import configure_logging, progress_of, say_warnings
@@ -51,7 +52,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
         raise OptionError("--outdir is an empty name; is a shell variable unset?")
-    folder = None if outdir is None else Path(outdir)
+    folder = None if outdir is None else path_of(outdir)
 
     suffixes = _suffixes(kind, arguments.get("from_format"))
     names, nul = arguments.pop("inputs"), arguments.pop("nul")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
-from volatool.errors import FormatError, InputNotFoundError
+from volatool.errors import FormatError, InputError, InputNotFoundError
+from volatool.remote.path import is_url
 from volatool.units import format_size
 
 
@@ -30,15 +32,18 @@ def describe(path: Path) -> dict[str, Any]:
         The file is not there, or none of these.
     """
     try:
-        if path.exists() and not path.is_file():
+        if not is_url(path) and path.exists() and not path.is_file():
             raise FormatError(f"{path}: is not a regular file", "E_INPUT")
         with path.open("rb") as stream:
             head = stream.read(8)
+            size = stream.seek(0, os.SEEK_END)
+    except InputError:
+        raise
     except FileNotFoundError as error:
         raise InputNotFoundError(f"{path}: no such file") from error
     except OSError as error:
         raise FormatError(f"{path}: can't be read ({error.strerror})", "E_INPUT") from error
-    facts: dict[str, Any] = {"name": path.name, "bytes": path.stat().st_size}
+    facts: dict[str, Any] = {"name": path.name, "bytes": size}
     if head.startswith(b"LASF"):
         return {**facts, "kind": "points", **_points(path)}
     if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
