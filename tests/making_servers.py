@@ -23,13 +23,17 @@ class WebServer:
         Answer requests for ranges with ranges.
     delay : float
         Seconds that each answer takes.
+    says_so : bool
+        Answers tell whether there are ranges.
 
     Attributes
     ----------
     requests : list of (str, str, int, int)
         Method, path, first byte and bytes of the body of each answer.
     failures : list of int
-        Statuses to answer the next requests with; 0 hangs up half-way through the body.
+        Statuses to answer the next requests for bodies with; 0 hangs up half-way, None answers.
+    users : list of str or None
+        Values of the Authorization header that are let in; None for anyone.
     """
 
     def __init__(self, folder, ranges=True, delay=0.0, says_so=True):
@@ -53,7 +57,7 @@ class WebServer:
 
         self._http = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
         self._http.daemon_threads = True
-        self._thread = threading.Thread(target=self._http.serve_forever, daemon=True)
+        self._thread = threading.Thread(target=self._http.serve_forever, args=(0.02,), daemon=True)
 
     def __enter__(self):
         self._thread.start()

@@ -91,17 +91,18 @@ def opened(source: Openable, size_limit: int = SIZE_LIMIT) -> Iterator[tuple[str
         else:
             raise OptionError(f"expected a path, bytes or a binary file, got {type(source)}")
     except (InputError, ResourceError) as error:
-        raise type(error)(f"{name}: {error}", error.code) from error
+        text = str(error).removeprefix(f"{name}: ")
+        raise type(error)(f"{name}: {text}", error.code) from error
     except MemoryError as error:
         raise ResourceError(f"{name}: there is not enough memory to read it") from error
 
 
 def _file(path: Path) -> BinaryIO:
-    try:
-        if isinstance(path, RemotePath):
-            from volatool.remote.ranges import open_url
+    if isinstance(path, RemotePath):
+        from volatool.remote.ranges import open_url
 
-            return open_url(path)
+        return open_url(path)
+    try:
         if path.is_dir():
             raise InputError("is a folder, not a VOLA file")
         if path.exists() and not path.is_file():

@@ -458,11 +458,11 @@ def _open(source: str | os.PathLike[str] | BinaryIO) -> tuple[BinaryIO, str]:
     if not isinstance(source, str | os.PathLike):
         return source, str(getattr(source, "name", "<stream>"))
     path = path_of(source)
-    try:
-        if isinstance(path, RemotePath):
-            from volatool.remote.ranges import open_url
+    if isinstance(path, RemotePath):
+        from volatool.remote.ranges import open_url
 
-            return open_url(path), str(path)
+        return open_url(path), str(path)
+    try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise InputError(f"{path}: is not a regular file; pipes and devices can't be read")
         return path.open("rb"), str(path)

@@ -251,7 +251,7 @@ def explained(error: Exception, path: RemotePath) -> VolatoolError:
     """
     if isinstance(error, VolatoolError):
         return error
-    if isinstance(error, FileNotFoundError) and isinstance(error.__cause__, Exception):
+    if path.protocol in WEB and isinstance(error.__cause__, Exception):
         error = error.__cause__  # fsspec calls all that fails on the web "not found"
     status, name = getattr(error, "status", None), type(error).__name__
     if isinstance(error, FileNotFoundError) or status in (404, 410):
