@@ -7,6 +7,7 @@ import re
 import threading
 import time
 from collections import Counter
+from email.utils import formatdate
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import unquote, urlsplit
 
@@ -98,6 +99,7 @@ class WebServer:
             return
         size, start = path.stat().st_size, 0
         stop, code, headers = size, 200, {"ETag": f'"{path.stat().st_mtime_ns}"'}
+        headers["Last-Modified"] = formatdate(path.stat().st_mtime, usegmt=True)
         asked = re.fullmatch(r"bytes=(\d+)-(\d*)", handler.headers.get("Range", ""))
         if self.ranges and asked:
             start, stop = int(asked[1]), min(size, int(asked[2] or size - 1) + 1)

@@ -12,7 +12,6 @@ from volatool.model import CrsInfo, LevelCounts
 from volatool.occupancy.depth import fixed_depth
 from volatool.occupancy.levels import level_rows
 from volatool.options import ConvertOptions
-from volatool.remote.path import size_of
 from volatool.report import Report
 from volatool.vola.volume import Volume
 
@@ -61,7 +60,7 @@ def volume_input(path: Path, volume: Volume, crs: CrsInfo) -> dict[str, Any]:
     far = [value + volume.cube.side for value in (x, y, z / float(volume.crs.z_ratio))]
     return {
         "name": path.name,
-        "bytes": size_of(path),
+        "bytes": path.stat().st_size,
         "las_version": None,
         "point_format": None,
         "compressed": None,

@@ -113,7 +113,7 @@ def test_the_size_is_checked_after_the_upload(s3, tile, monkeypatch):
 
 
 def test_a_bucket_that_is_not_there_is_told_before_any_work(s3, tile):
-    with pytest.raises(OutputError, match="s3://nobucket") as caught:
+    with pytest.raises(OutputError, match="s3://nobucket: no such bucket") as caught:
         vt.convert(tile, "s3://nobucket/out", **QUICK)
     assert caught.value.code == "E_WRITE"
 
@@ -128,6 +128,7 @@ def test_an_object_that_is_not_there(s3):
 def test_identity_changes_with_the_object(s3):
     s3.pipe_file("tiles/a.laz", b"one")
     first = store.identity(path_of("s3://tiles/a.laz"))
+    assert first["modified"] == s3.info("tiles/a.laz")["LastModified"].isoformat()
     assert first["size"] == 3
     assert first["etag"] == hashlib.md5(b"one").hexdigest()
     s3.pipe_file("tiles/a.laz", b"two")

@@ -206,6 +206,14 @@ def test_a_failure_that_stays_is_told(web, tile, tmp_path, status, code, text):
     assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
 
 
+def test_size_and_time_are_those_of_the_file(web, tile):
+    told, there = path_of(web.url("tile.las")).stat(), tile.stat()
+    assert (told.st_size, told.st_mtime) == (there.st_size, int(there.st_mtime))
+    identity = store.identity(path_of(web.url("tile.las?sign=secret")))
+    assert identity["size"] == there.st_size
+    assert set(identity) == {"size", "etag", "modified"}
+
+
 def test_what_is_not_there(web, tmp_path):
     with pytest.raises(InputNotFoundError, match=r"gone\.laz: no such file"):
         vt.convert(web.url("gone.laz"), tmp_path)

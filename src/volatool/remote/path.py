@@ -122,6 +122,14 @@ class RemotePath(PosixPath):
         """Return False."""
         return False
 
+    def stat(self, *, follow_symlinks: bool = True) -> os.stat_result:
+        """Return size and time of the last change, 0 if the server does not tell; nothing else."""
+        from volatool.remote.store import details
+
+        found = details(self)
+        changed = 0 if found.modified is None else int(found.modified.timestamp())
+        return os.stat_result((0, 0, 0, 1, 0, 0, found.size or 0, changed, changed, changed))
+
     def open(  # type: ignore[override]
         self,
         mode: str = "r",
@@ -174,14 +182,6 @@ def path_of(name: str | Path | Any) -> Path:
     if match[1].lower() == "file":
         return Path(unquote(urlsplit(name).path) or "/")
     return RemotePath(name)
-
-
-def size_of(path: Path) -> int:
-    """Return the bytes of a file, local or not."""
-    if not isinstance(path, RemotePath):
-        return path.stat().st_size
-    with path.open("rb") as stream:
-        return stream.seek(0, os.SEEK_END)
 
 
 def _shown(url: str) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
 from typing import Any, TypeVar
 
 from volatool.errors import (
@@ -28,6 +31,14 @@ CONNECT_SECONDS, READ_SECONDS = 15, 60
 
 _RETRY_THEMSELVES = frozenset({"s3", "s3a", "gs", "gcs", "az", "abfs", "abfss"})
 _MODIFIED = ("LastModified", "Last-Modified", "last_modified", "updated", "mtime", "created")
+_EXTRA = "'volatool[cloud]'"
+_PACKAGES = {
+    **dict.fromkeys(("http", "https", "s3", "s3a"), _EXTRA),
+    **dict.fromkeys(("gs", "gcs"), "gcsfs"),
+    **dict.fromkeys(("az", "abfs", "abfss"), "adlfs"),
+}
+"""What to install for a protocol."""
+
 _PASSING = frozenset({408, 425, 429, 500, 502, 503, 504})
 _REFUSED = frozenset({401, 403, 407})
 
@@ -43,14 +54,16 @@ class Details:
         Bytes; None if it does not tell.
     ranges : bool
         It may give parts of the file; False: it says that it does not.
-    etag, modified : str or None
+    etag : str or None
         What changes when the file does.
+    modified : datetime.datetime or None
+        When it changed last.
     """
 
     size: int | None
     ranges: bool = True
     etag: str | None = None
-    modified: str | None = None
+    modified: datetime | None = None
 
 
 def filesystem(path: RemotePath) -> tuple[Any, str]:
@@ -69,13 +82,9 @@ def filesystem(path: RemotePath) -> tuple[Any, str]:
 
         kind = fsspec.get_filesystem_class(protocol)
     except ImportError as error:
-        package = {"gs": "gcsfs", "gcs": "gcsfs"}.get(protocol)
-        package = package or ("adlfs" if protocol in ("az", "abfs", "abfss") else None)
-        what = f"{package}: pip install {package}" if package else "more packages"
-        if package is None and protocol in (*WEB, "s3", "s3a"):
-            what = "fsspec, aiohttp and s3fs: pip install 'volatool[cloud]'"
-        elif package is None:
-            what = f"a package of its own ({error})"
+        what = f"what this says: {error}"
+        if error.name == "fsspec" or protocol in _PACKAGES:
+            what = f"pip install {_PACKAGES.get(protocol, _EXTRA)}"
         raise OptionError(f"{path}: {protocol}:// needs {what}", "E_NO_EXTRA") from None
     except ValueError:
         raise OptionError(f"{path}: {protocol}:// is no protocol that fsspec knows") from None
@@ -120,8 +129,20 @@ def details(path: RemotePath) -> Details:
         found.get("size"),
         found.get("partial", True) is not False,
         None if etag is None else str(etag).strip('"'),
-        None if modified is None else str(modified),
+        _time(modified),
     )
+
+
+def _time(told: Any) -> datetime | None:
+    """Return a time as servers tell it: an object, seconds, ISO 8601, or that of HTTP."""
+    if isinstance(told, datetime):
+        return told
+    if isinstance(told, int | float):
+        return datetime.fromtimestamp(told, UTC)
+    for read in (parsedate_to_datetime, datetime.fromisoformat):
+        with contextlib.suppress(ValueError, TypeError):
+            return read(told)
+    return None
 
 
 def identity(path: RemotePath) -> dict[str, Any]:
@@ -136,10 +157,13 @@ def identity(path: RemotePath) -> dict[str, Any]:
     Returns
     -------
     identity : dict
-        ``size`` (int or None), ``etag`` and ``modified`` (str or None).
+        ``size`` (int), ``etag`` (str) and ``modified`` (str, ISO 8601), those that the server
+        tells.
     """
     found = details(path)
-    return {"size": found.size, "etag": found.etag, "modified": found.modified}
+    modified = None if found.modified is None else found.modified.isoformat()
+    facts = {"size": found.size, "etag": found.etag, "modified": modified}
+    return {key: value for key, value in facts.items() if value is not None}
 
 
 def exists(path: RemotePath) -> bool:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from volatool.errors import (
+    InputError,
     InputNotFoundError,
     OptionError,
     OutputError,
@@ -82,7 +83,12 @@ def _require_bucket(bucket: RemotePath) -> None:
     if bucket.protocol not in _OBJECT_STORES - {"memory"}:
         return
     files, name = store.filesystem(bucket)
-    _written(lambda: files.info(name), bucket)
+    try:
+        store.asked(lambda: files.info(name), bucket)
+    except InputNotFoundError:
+        raise OutputError(f"{bucket}: no such bucket") from None
+    except InputError as error:
+        raise _unwritten(bucket, error) from None
 
 
 def _present(folder: RemotePath, members: list[RemotePath]) -> set[RemotePath]:
@@ -185,5 +191,9 @@ def _written(request: Callable[[], _Result], target: RemotePath) -> _Result:
     except OptionError:
         raise
     except VolatoolError as error:
-        text = str(error).removeprefix(f"{target}: ")
-        raise OutputError(f"{target}: can't be written: {text}") from None
+        raise _unwritten(target, error) from None
+
+
+def _unwritten(target: Path, error: VolatoolError) -> OutputError:
+    text = str(error).removeprefix(f"{target}: ")
+    return OutputError(f"{target}: can't be written: {text}")
