@@ -8,8 +8,8 @@ that real terrain, real density and real holes grow without seams. One point in 
 of 10 m are held out; every method gets the others and is asked for the nodes of the same grid,
 which is read bilinearly at the held-out points. Each method is a process of its own. The seconds
 are CPU seconds from points in memory to the grid (programs: from a file they can read, and back);
-the reading of the tile is not in them. GMT's `surface` and GDAL's `gdal_grid` take part where they
-are installed.
+the reading of the tile is not in them. startinpy, GMT's `surface` and GDAL's `gdal_grid` take part
+where they are installed.
 """
 
 from __future__ import annotations
@@ -24,11 +24,12 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from main_job import Cost, median, run
+from costs import Cost, median, run
 
 HERE = Path(__file__).resolve()
 HOLE_M = 10.0
@@ -128,6 +129,17 @@ def by_idw(xyz: np.ndarray, n: int) -> np.ndarray:
     return out
 
 
+def by_startinpy(xyz: np.ndarray, n: int) -> np.ndarray:
+    """Interpolate linearly on startinpy's triangulation; void outside the hull."""
+    import startinpy
+
+    triangles = startinpy.DT()
+    triangles.insert(xyz)
+    x, y = centres(n)
+    places = np.column_stack([x.ravel(), y.ravel()])
+    return np.asarray(triangles.interpolate({"method": "TIN"}, places)).reshape(n, n)
+
+
 def by_gmt(xyz: np.ndarray, n: int, folder: Path) -> np.ndarray:
     """Run GMT's blockmean and surface, tension 0.35 as its manual advises for steep terrain."""
     region = ["-R" + "/".join(["0", str(n)] * 2), "-I1", "-r"]
@@ -172,27 +184,36 @@ def by_gdal(xyz: np.ndarray, n: int, folder: Path) -> np.ndarray:
         return np.asarray(heights if file.transform.e > 0 else heights[::-1])
 
 
+PROGRAMS = ("gmt", "gdal_grid")
 METHODS: dict[str, tuple[str, Callable[..., np.ndarray]]] = {
     "EMap (volatool)": ("", by_emap),
     "EMap, 1 GiB ceiling": ("", by_emap),
     "TIN (scipy)": ("", by_tin),
     "IDW (scipy, 12 nearest)": ("", by_idw),
+    "TIN (startinpy)": ("startinpy", by_startinpy),
     "surface -T0.35 (GMT)": ("gmt", by_gmt),
     "gdal_grid linear (GDAL)": ("gdal_grid", by_gdal),
 }
+"""What a method needs, a program or a package, and its function."""
+
+
+def is_here(needs: str) -> bool:
+    """Tell whether a program or a package is installed."""
+    return not needs or bool(shutil.which(needs) if needs in PROGRAMS else find_spec(needs))
 
 
 def work(method: str, folder: Path, n: int) -> None:
     """Run one method in this process; write the grid and its seconds."""
     points = np.load(folder / "train.npy")
     small = points[:2000]  # imports and cached kernels are not part of the method
-    function = METHODS[method][1]
-    extra: dict[str, Any] = {"folder": folder} if METHODS[method][0] else {}
+    needs, function = METHODS[method]
+    is_program = needs in PROGRAMS
+    extra: dict[str, Any] = {"folder": folder} if is_program else {}
     if "ceiling" in method:
         from volatool.resources import working_budget
 
         extra["budget"] = working_budget(1 << 30)
-    if not METHODS[method][0]:
+    if not is_program:
         function(small, int(small[:, :2].max()) + 2, **extra)
     began = os.times()
     grid = function(points, n, **extra)
@@ -222,9 +243,7 @@ def measure(xyz: np.ndarray, n: int, runs: int, limit_s: float) -> list[dict[str
     """Return a row for each method on a grid of n x n cells."""
     points = mirrored(xyz, float(n))
     scattered, in_hole = held_out(points)
-    methods = [
-        name for name, (program, _) in METHODS.items() if not program or shutil.which(program)
-    ]
+    methods = [name for name, (needs, _) in METHODS.items() if is_here(needs)]
     costs: dict[str, list[tuple[float, Cost]]] = {name: [] for name in methods}
     rows = {name: {"method": name, "cells": n * n, "points": len(points)} for name in methods}
     with tempfile.TemporaryDirectory() as name:
@@ -246,7 +265,9 @@ def measure(xyz: np.ndarray, n: int, runs: int, limit_s: float) -> list[dict[str
                     rows[method]["void"] = void + more
     for method in methods:
         rows[method]["seconds"] = statistics.median(second for second, _ in costs[method])
-        rows[method]["peak_mib"] = median([cost for _, cost in costs[method]]).peak_mib
+        whole = median([cost for _, cost in costs[method]])
+        rows[method]["runs"] = len(costs[method])
+        rows[method]["wall_s"], rows[method]["peak_mib"] = whole.wall_s, whole.peak_mib
         rows[method]["us_per_cell"] = rows[method]["seconds"] / (n * n) * 1e6
     return list(rows.values())
 

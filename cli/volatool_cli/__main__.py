@@ -2,4 +2,5 @@
 
 from volatool_cli.main import main
 
-main()
+if __name__ == "__main__":  # not in worker processes, which import this module too
+    main()

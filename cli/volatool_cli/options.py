@@ -15,6 +15,7 @@ from volatool_cli.params import (
     CodesType,
     DepthType,
     FloatRange,
+    JobsType,
     LengthType,
     SizeType,
     WordsType,
@@ -188,7 +189,39 @@ memory = click.option(
     type=SizeType(),
     default="1G",
     show_default=True,
-    help="Ceiling for the whole process, kept by spilling to temporary files.",
+    help="Ceiling for the whole run, kept by spilling to temporary files; --jobs share it.",
+)
+
+jobs = group(
+    click.option(
+        "-j",
+        "--jobs",
+        type=JobsType(),
+        default="1",
+        show_default=True,
+        help="Processes that work at once; auto: as many as cores and --memory allow.",
+    ),
+    click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Work on a Dask cluster (extra dask): tcp://HOST:PORT, whose workers each get "
+        "--memory; or local, --jobs workers of its own.",
+    ),
+)
+
+record = group(
+    click.option(
+        "--manifest",
+        type=click.Path(dir_okay=False),
+        metavar="FILE",
+        help="Append a record of each tile, a JSON line, for --resume.",
+    ),
+    click.option(
+        "--resume", is_flag=True, help="Skip the tiles that the manifest proves done; do the rest."
+    ),
+    click.option(
+        "--verify", is_flag=True, help="With --resume: prove outputs by their content, not size."
+    ),
 )
 
 dem = group(

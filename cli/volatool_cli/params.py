@@ -195,6 +195,24 @@ class DepthType(Base):
         self.fail(f"{value!r} is not auto or a depth from 1 to 10", param, ctx)
 
 
+class JobsType(Base):
+    """``auto`` or a number of processes."""
+
+    name = "N|auto"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return None for auto, else an int."""
+        if value is None or value == "auto":
+            return None
+        try:
+            jobs = int(value)
+            if jobs >= 1:
+                return jobs
+        except ValueError:
+            pass
+        self.fail(f"{value!r} is not auto or a number of processes", param, ctx)
+
+
 def joined(ctx: Any, param: Any, value: Any) -> tuple[int, ...] | None:
     """Return the codes of an option given several times, each once; None without any."""
     del ctx, param

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,7 +18,11 @@ from volatool.options import ConvertOptions
 from volatool.remote.path import path_of
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
-from volatool_cli.output import configure_logging, progress_of, say_warnings
+from volatool_cli.output import configure_logging, say_warnings
+from volatool_cli.progress import watcher_of
+
+if TYPE_CHECKING:
+    from volatool.batch.executor import Executor
 
 _STATUS_OF = {
     "E_OPTION": ExitCode.USAGE,
@@ -28,6 +33,7 @@ _STATUS_OF = {
     "E_WRITE": ExitCode.NOT_WRITTEN,
     "E_MEMORY": ExitCode.LIMIT,
     "E_SIZE": ExitCode.LIMIT,
+    "E_INTERNAL": ExitCode.INTERNAL,
 }
 """What the status says when every input failed for such a reason."""
 
@@ -54,40 +60,111 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         raise OptionError("--outdir is an empty name; is a shell variable unset?")
     folder = None if outdir is None else path_of(outdir)
 
+    jobs, scheduler = arguments.pop("jobs"), arguments.pop("scheduler")
+    record = arguments.pop("manifest", None)
+    resume, verify = arguments.pop("resume", False), arguments.pop("verify", False)
+    if resume and record is None:
+        raise OptionError("--resume needs the --manifest of the run before")
+    if verify and not resume:
+        raise OptionError("--verify is for --resume: give both or none")
+
     suffixes = _suffixes(kind, arguments.get("from_format"))
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
     paths = expand(names, stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)
 
     from volatool import resources
+    from volatool.batch.manifest import Manifest
     from volatool.batch.run import run_inputs
 
     resources.return_freed_memory()
     if dry_run:
-        _dry_run(paths, options, kind, folder, overwrite)
+        if resume:
+            paths = _not_done(paths, options, kind, folder, Path(record), verify)
+        _dry_run(paths, options, kind, folder, overwrite or resume)
         return
-    reports = []
-    for report in run_inputs(
-        paths,
-        options,
-        kind=kind,
-        outdir=folder,
-        overwrite=overwrite,
-        fail_fast=fail_fast,
-        progress=lambda path: progress_of(path.name, show_progress, quiet),
-    ):
-        if report.error is not None:
-            click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
-        elif report.input is not None:
-            say_warnings(report.input["name"], report.warnings, quiet)
-        reports.append(report)
-        if kind != "stats":
-            _print_result(report, as_json)
+    executor, options = _executor(jobs, scheduler, options, len(paths))
+    reports: dict[int, Report] = {}
+    codes, n_inputs = [], 0
+    watcher = watcher_of(show_progress, quiet)
+    with contextlib.ExitStack() as stack:
+        results = run_inputs(
+            paths,
+            options,
+            kind=kind,
+            outdir=folder,
+            overwrite=overwrite,
+            fail_fast=fail_fast,
+            executor=executor,
+            watcher=watcher,
+            manifest=None if record is None else stack.enter_context(Manifest(Path(record))),
+            resume=resume,
+            verify=verify,
+        )
+        stack.enter_context(contextlib.closing(results))
+        try:
+            for result in results:
+                report = result.report
+                n_inputs += 1
+                with watcher.aside():
+                    if report.error is not None:
+                        codes.append(report.error["code"])
+                        click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
+                    elif report.input is not None:
+                        say_warnings(report.input["name"], report.warnings, quiet)
+                    if kind != "stats":
+                        _print_result(report, as_json)
+                if kind == "stats":
+                    reports[result.index] = report
+        except VolatoolError as error:  # not a tile's: there is nobody left to work
+            if n_inputs == len(codes):
+                raise
+            click.echo(f"{error.code}: {error}", err=True)
+            sys.exit(ExitCode.SOME_FAILED)
     if kind == "stats":
-        _print_stats(reports, form, summary)
-    codes = [report.error["code"] for report in reports if report.error is not None]
+        _print_stats([reports[index] for index in sorted(reports)], form, summary)
     if codes:
-        sys.exit(_status(codes, len(reports)))
+        sys.exit(_status(codes, n_inputs + watcher.n_skipped))
+
+
+def _executor(
+    jobs: int | None, scheduler: str | None, options: ConvertOptions, n_inputs: int
+) -> tuple[Executor, ConvertOptions]:
+    """Return where the work is done, and the options with each process's share of the memory."""
+    from volatool.batch.executor import Serial
+    from volatool.batch.jobs import share_out
+    from volatool.batch.pool import Pool
+
+    if scheduler not in (None, "local"):
+        from volatool.batch.cluster import Cluster
+
+        return Cluster(scheduler), options
+    share = share_out(jobs, options.memory, n_inputs)
+    if scheduler == "local":
+        from volatool.batch.cluster import Cluster
+
+        return Cluster(scheduler, share.jobs, share.threads), replace(options, memory=share.memory)
+    executor = Serial() if share.jobs == 1 else Pool(share.jobs, share.threads)
+    return executor, replace(options, memory=share.memory)
+
+
+def _not_done(
+    paths: Sequence[Path],
+    options: ConvertOptions,
+    kind: str,
+    outdir: Path | None,
+    record: Path,
+    verify: bool,
+) -> list[Path]:
+    """Return the inputs that a manifest does not prove done."""
+    from volatool.batch.manifest import read_records
+    from volatool.batch.resume import options_digest, proven
+
+    digest = options_digest(options, kind)
+    is_done = proven(
+        read_records(record), paths, kind=kind, options=digest, outdir=outdir, verify=verify
+    )
+    return [path for path, done in zip(paths, is_done, strict=True) if not done]
 
 
 def _suffixes(kind: str, from_format: str | None) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ _TEMPORARY = re.compile(
 )
 _LONGEST_STEM = 40  # of at most 4 bytes each: file systems take names of 255 bytes
 _HOST = re.sub("[^A-Za-z0-9_]", "_", platform.node())
+_swept: set[Path] = set()  # folders: looking through thousands of outputs before each takes long
 
 
 class OutputSet:
@@ -33,14 +34,13 @@ class OutputSet:
     Notes
     -----
     Used as a context manager: leaving it without `commit` removes what was written. A killed run
-    leaves only hidden files ``.NAME.volatool-HOST-PID.tmp``, which the next run into that folder
-    on the same machine removes when no process of that number is alive.
+    leaves only hidden files ``.NAME.volatool-HOST-PID.tmp``, which the next process that writes
+    into that folder on the same machine removes when none of that number is alive.
     """
 
     def __init__(self, overwrite: bool = False) -> None:
         self.overwrite = overwrite
         self._pending: dict[Path, Path] = {}
-        self._swept: set[Path] = set()
 
     def __enter__(self) -> OutputSet:
         return self
@@ -83,9 +83,9 @@ class OutputSet:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise write_error(folder, error) from error
-        if folder not in self._swept:
+        if folder not in _swept:
             sweep(folder)
-            self._swept.add(folder)
+            _swept.add(folder)
         # the number tells apart long names of which only the beginning fits
         stem = target.name[:_LONGEST_STEM] + f".{len(self._pending)}"
         name = f".{stem}.volatool-{_HOST[:24]}-{os.getpid()}.tmp{target.suffix}"

@@ -18,6 +18,8 @@ from volatool_cli import options
 @options.reading
 @options.crs_of_file
 @options.memory
+@options.jobs
+@options.record
 @options.as_reports
 @options.no_resources
 @options.progress

@@ -25,6 +25,8 @@ from volatool_cli import options
 @options.dem
 @click.option("--preview", is_flag=True, help="Write a picture, NAME.preview.png.")
 @options.memory
+@options.jobs
+@options.record
 @options.as_reports
 @options.no_resources
 @options.progress

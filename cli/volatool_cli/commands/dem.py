@@ -18,6 +18,8 @@ from volatool_cli import options
 @options.crs
 @options.dem
 @options.memory
+@options.jobs
+@options.record
 @options.as_reports
 @options.no_resources
 @options.progress

@@ -54,6 +54,8 @@ from volatool_cli.params import LengthType
 @options.dem
 @click.option("--preview", is_flag=True, help="Write a picture, NAME.preview.png.")
 @options.memory
+@options.jobs
+@options.record
 @options.as_reports
 @options.no_resources
 @options.progress

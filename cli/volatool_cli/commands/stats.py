@@ -28,6 +28,7 @@ from volatool_cli import options
 @options.depth
 @options.metadata
 @options.memory
+@options.jobs
 @click.option("--fail-fast", is_flag=True, help="Stop at the first input that fails.")
 @options.no_resources
 @options.progress

@@ -140,10 +140,13 @@ def refuse_collisions(inputs: Sequence[Path], outdir: Path | None) -> None:
     OutputExistsError
         ``E_NAME_COLLISION``, naming both inputs.
     """
-    seen: dict[Path, Path] = {}
+    seen: dict[str, Path] = {}
+    resolved: dict[Path, Path] = {}  # asks the file system for each part of a path
     for path in inputs:
         folder = path.parent if outdir is None else outdir
-        target = folder.resolve() / stem(path)
+        if folder not in resolved:
+            resolved[folder] = folder.resolve()
+        target = f"{resolved[folder]}/{stem(path)}"
         first = seen.setdefault(target, path)
         if first is not path:
             raise OutputExistsError(

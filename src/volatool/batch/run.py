@@ -1,25 +1,30 @@
-"""Inputs one after the other; a failed one becomes a report and the rest go on."""
+"""Inputs through an executor to results and records; a failed one does not stop the rest."""
 
 from __future__ import annotations
 
+import contextlib
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+import os
+from array import array
+from collections.abc import Generator, Iterator, Sequence
 from pathlib import Path
 
+from volatool.batch.executor import Executor, Serial, Watcher
+from volatool.batch.identity import identify
+from volatool.batch.manifest import Manifest, absolute, read_records, record_of
 from volatool.batch.plan import refuse_collisions
-from volatool.classification import classify_tile, refuse_inputs
-from volatool.errors import VolatoolError
-from volatool.model import Progress
+from volatool.batch.resume import options_digest, proven
+from volatool.batch.work import Result, Unit
+from volatool.classification import refuse_inputs
 from volatool.options import ConvertOptions
-from volatool.outputs import refuse_existing
-from volatool.report import Report
-from volatool.tile import convert_tile, planned_outputs
+from volatool.outputs import OutputSet, refuse_existing, sweep
+from volatool.tile import planned_outputs
 from volatool.volumes import check_files
 
-logger = logging.getLogger(__name__)
+FAILED_NAME = "failed.txt"
+"""File beside the manifest that lists the inputs that failed, for ``@failed.txt``."""
 
-ProgressMaker = Callable[[Path], AbstractContextManager[Progress]]
+logger = logging.getLogger(__name__)
 
 
 def run_inputs(
@@ -27,20 +32,24 @@ def run_inputs(
     options: ConvertOptions,
     *,
     kind: str,
-    outdir: Path | None,
-    overwrite: bool,
-    fail_fast: bool,
-    progress: ProgressMaker,
-) -> Iterator[Report]:
+    outdir: Path | None = None,
+    overwrite: bool = False,
+    fail_fast: bool = False,
+    executor: Executor | None = None,
+    watcher: Watcher | None = None,
+    manifest: Manifest | None = None,
+    resume: bool = False,
+    verify: bool = False,
+) -> Generator[Result, None, None]:
     """
-    Work on inputs in order.
+    Work on inputs.
 
     Parameters
     ----------
     paths : sequence of pathlib.Path
         The inputs.
     options : ConvertOptions
-        For all of them.
+        For all of them; ``memory`` is the ceiling of each process.
     kind : str
         ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
     outdir : pathlib.Path or None
@@ -49,78 +58,103 @@ def run_inputs(
         Replace outputs that exist.
     fail_fast : bool
         Stop after the first failed input.
-    progress : callable
-        Gives a context manager of a progress callback for an input.
+    executor : Executor, optional
+        Where the work is done; in this process by default.
+    watcher : Watcher, optional
+        Told how it gets on.
+    manifest : Manifest, optional
+        Gets a record of each input, before its result is yielded.
+    resume : bool
+        Leave out inputs that the manifest proves done; do the others, whatever outputs of theirs a
+        killed run has left.
+    verify : bool
+        Have the manifest's proof include the content of the outputs.
 
     Yields
     ------
-    report : Report
-        One per input; with ``status`` failed and ``error`` for an input that could not be used.
+    result : Result
+        One per input, in the order in which they finish (``index`` is the input's place in
+        `paths`); for an input that could not be used the report's ``status`` is failed. Close the
+        generator to stop the work: no worker goes on then.
 
     Raises
     ------
     OptionError
         Outputs that exist or collide, and options that fit no input, before any work.
     """
+    executor, watcher = executor or Serial(), watcher or Watcher()
     check_files(options)
     if kind != "stats":
         refuse_collisions(paths, outdir)
-        if kind == "classify":
-            refuse_inputs(list(paths), options, outdir)
-        refuse_existing(
-            [target for path in paths for target in planned_outputs(path, options, kind, outdir)],
-            overwrite,
-        )
-    for path in paths:
-        try:
-            with progress(path) as report_progress:
-                yield _work(path, options, kind, outdir, overwrite, report_progress)
-            continue
-        except VolatoolError as error:
-            failure = error
-        except Exception as error:  # a bug met on one tile must not stop a night's work
-            if len(paths) == 1:
-                raise
-            failure = VolatoolError(f"{path}: {type(error).__name__}: {error}")
-        logger.info("%s failed", path, exc_info=failure)
-        report = failed_report(path, failure, options)
-        del failure  # its traceback holds the tile's memory
-        yield report
-        if fail_fast:
-            return
-
-
-def _work(
-    path: Path,
-    options: ConvertOptions,
-    kind: str,
-    outdir: Path | None,
-    overwrite: bool,
-    progress: Progress,
-) -> Report:
     if kind == "classify":
-        return classify_tile(path, options, outdir=outdir, overwrite=overwrite, progress=progress)
-    return convert_tile(
-        path, options, kind=kind, outdir=outdir, overwrite=overwrite, progress=progress
-    )
+        refuse_inputs(list(paths), options, outdir)
+    digest = "" if manifest is None else options_digest(options, kind)
+    is_done = bytearray(len(paths))
+    if resume:
+        assert manifest is not None
+        is_done = proven(
+            read_records(manifest.path),
+            paths,
+            kind=kind,
+            options=digest,
+            outdir=outdir,
+            verify=verify,
+        )
+        logger.warning("%d of %d inputs are done already", sum(is_done), len(paths))
+    elif not overwrite:
+        for path in paths:
+            refuse_existing(planned_outputs(path, options, kind, outdir), overwrite=False)
+    if kind != "stats":
+        for folder in {path.parent for path in paths} if outdir is None else [outdir]:
+            if folder.is_dir():
+                sweep(folder)
+    sizes = array("q", (0 if is_done[i] else _size(path) for i, path in enumerate(paths)))
+    order = array("q", (index for index, done in enumerate(is_done) if not done))
+    if not executor.in_order:  # a large one begun last would end alone
+        order = array("q", sorted(order, key=lambda index: -sizes[index]))
+
+    def units() -> Iterator[Unit]:
+        for index in order:
+            yield Unit(
+                index,
+                paths[index],
+                options,
+                kind,
+                outdir,
+                overwrite=overwrite or resume,
+                with_digests=manifest is not None,
+            )
+
+    failed: list[str] = []
+    watcher.planned(sizes, sum(is_done))
+    try:
+        with contextlib.closing(executor.results(units(), watcher)) as results:
+            for unit, result in results:
+                if manifest is not None:
+                    manifest.append(record_of(unit, result, digest))
+                if result.code is not None:
+                    failed.append(absolute(unit.path))
+                watcher.finished(unit, result)
+                yield result
+                if fail_fast and result.code is not None:
+                    return
+    finally:
+        watcher.ended()
+        if manifest is not None:
+            _list_failed(manifest.path.with_name(FAILED_NAME), failed)
 
 
-def failed_report(path: Path, error: VolatoolError, options: ConvertOptions) -> Report:
-    """
-    Return the report of an input that could not be used.
+def _size(path: Path) -> int:
+    identity = identify(path)
+    return 1 if identity is None else max(1, int(identity["size"]))
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The input.
-    error : VolatoolError
-        Why.
-    options : ConvertOptions
-        What was asked for.
-    """
-    return Report(
-        status="failed",
-        input={"name": path.name},
-        options=options.given(),
-        error={"code": error.code, "message": str(error)},
-    )
+
+def _list_failed(path: Path, failed: Sequence[str]) -> None:
+    """Write the list of inputs that failed; without any there is no list."""
+    if not failed:
+        path.unlink(missing_ok=True)
+        return
+    with OutputSet(overwrite=True) as outputs:
+        text = "".join(f"{name}\n" for name in failed)
+        outputs.add(path).write_bytes(os.fsencode(text))
+        outputs.commit()
