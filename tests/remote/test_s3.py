@@ -146,6 +146,25 @@ def test_access_that_is_refused_says_so(s3, monkeypatch):
     assert caught.value.code == "E_ACCESS"
 
 
+def test_a_manifest_proves_what_is_in_a_bucket(s3, tile, volatool):
+    for name in ("a", "b"):
+        s3.put_file(str(tile), f"tiles/in/{name}.las")
+    asked = ["s3://tiles/in/", "-o", "s3://tiles/out/", "--no-dem", "--dense=never"]
+    asked += ["--manifest", "run.jsonl"]
+    assert volatool("convert", *asked).returncode == 0
+    before = {name: s3.info(name)["LastModified"] for name in s3.find("tiles/out")}
+    s3.pipe_file("tiles/in/b.las", tile.read_bytes())  # the same bytes, a second later or so
+    s3.rm_file("tiles/out/a.vol.gz")
+    done = volatool("convert", *asked, "--resume")
+    assert done.returncode == 0, done.stderr
+    assert "s3://tiles/out/a.vol.gz" in done.stdout
+    s3.invalidate_cache()
+    assert set(s3.find("tiles/out")) == set(before)
+    again = volatool("convert", *asked, "--resume", "--verify")
+    assert (again.returncode, again.stdout) == (0, "")
+    assert "2 of 2 inputs are done" in again.stderr
+
+
 def test_the_command_line_from_bucket_to_bucket(s3, tile, volatool):
     for name in ("a", "b"):
         s3.put_file(str(tile), f"tiles/in/{name}.las")
