@@ -15,6 +15,7 @@ from volatool.batch.plan import expand
 from volatool.errors import OptionError, VolatoolError
 from volatool.naming import IMPORT_SUFFIXES, POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
+from volatool.remote.path import path_of
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
 from volatool_cli.output import configure_logging, say_warnings
@@ -57,7 +58,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
         raise OptionError("--outdir is an empty name; is a shell variable unset?")
-    folder = None if outdir is None else Path(outdir)
+    folder = None if outdir is None else path_of(outdir)
 
     jobs, scheduler = arguments.pop("jobs"), arguments.pop("scheduler")
     record = arguments.pop("manifest", None)

@@ -138,6 +138,9 @@ class TileScanner:
         expected = self._expected_box()
         census, builders = self._pass(expected, self.surface)
         box = census.box_used if self.options.robust_z else census.box
+        if box != expected and self.source.n_unread and not self.options.robust_z:
+            self.source.read_all()  # the header's box is wrong: those unread may lie anywhere
+            box = self._survey(expected).box
         if box is not None and box != expected:
             if self.with_volume and (builders is None or self._cube(box) != self._cube(expected)):
                 for builder in (builders or {}).values():
@@ -199,7 +202,7 @@ class TileScanner:
     def _census(self, box: StoredBox) -> Census:
         scale = self.source.header.scale
         unit = self.source.crs.metres_per_unit_xy
-        return Census(box, area_cell_for(box, scale, unit))
+        return Census(box, area_cell_for(box, scale, unit), self.source.n_unread)
 
     def _counted(self, census: Census) -> Generator[tuple[PointChunk, Bool | None]]:
         """Yield the chunks of one pass, added to the census, with the mask of the points to use."""

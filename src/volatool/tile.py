@@ -6,7 +6,8 @@ import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import astuple, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,8 @@ from volatool.model import Bounds, Progress, no_progress
 from volatool.naming import VOLUME_SUFFIXES, stem
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
+from volatool.remote.path import is_url
+from volatool.remote.staging import local_copy
 from volatool.report import Report
 from volatool.scan import Scan, TileScanner
 from volatool.scratch import Scratch
@@ -94,6 +97,11 @@ def convert_tile(
     started = time.perf_counter()
     planned = planned_outputs(path, options, kind, outdir)
     refuse_existing(planned, overwrite)
+    if planned and is_url(planned[0]):
+        from volatool.remote.uploads import uploaded
+
+        work = partial(convert_tile, path, options, kind=kind, progress=progress)
+        return uploaded(work, planned, overwrite)
     if kind == "dem" and _is_volume(path):
         return _volume_dem(path, options, outdir, overwrite, planned, started)
     with open_source(path, options, kind=kind) as source, OutputSet(overwrite) as outputs:
@@ -224,20 +232,28 @@ def open_source(
         yield source
 
 
-def _opened(path: Path, options: ConvertOptions, kind: str) -> PointSource | ImportSource:
+@contextmanager
+def _opened(path: Path, options: ConvertOptions, kind: str) -> Iterator[PointSource | ImportSource]:
     if kind == "import":
         from volatool.imports.source import ImportSource
 
-        return ImportSource(path, options)
+        with local_copy(path) as local, ImportSource(local, options) as imported:
+            yield imported
+        return
     from volatool.points.reader import open_points
 
-    return open_points(
+    near = None
+    if options.bounds is not None and options.to_crs is None and kind != "classify":
+        near = astuple(options.bounds)  # to_crs: they are in another CRS than the file
+    with open_points(
         path,
         crs=options.crs,
         crs_default=options.crs_default,
         salvage=options.salvage,
         strict=options.strict,
-    )
+        near=near if is_url(path) else None,
+    ) as source:
+        yield source
 
 
 def _is_volume(path: Path) -> bool:
@@ -451,7 +467,7 @@ class _Tile:
 
     def _scan_warnings(self, scan: Scan) -> None:
         census = scan.census
-        if census.n_read == 0:
+        if census.box is None:
             self._warn("W_EMPTY", "the file has no points; no volume is written")
         elif census.n_used == 0:
             self._warn("W_ALL_FILTERED", all_filtered(scan), census.n_read)
