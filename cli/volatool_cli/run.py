@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,13 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
     paths = expand(names, stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)
+    saved, table = [], None
+    if kind == "stats":
+        from volatool_cli.stats_output import StatsOutput, reports_in, split_reports
+
+        saved, paths = split_reports(paths)
+        table = StatsOutput(form, summary)
+        options = replace(options, all_levels=summary)
 
     from volatool import resources
     from volatool.batch.run import run_inputs
@@ -65,8 +73,8 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     if dry_run:
         _dry_run(paths, options, kind, folder, overwrite)
         return
-    reports = []
-    for report in run_inputs(
+    n_reports, codes = 0, []
+    made = run_inputs(
         paths,
         options,
         kind=kind,
@@ -74,19 +82,22 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         overwrite=overwrite,
         fail_fast=fail_fast,
         progress=lambda path: progress_of(path.name, show_progress, quiet),
-    ):
+    )
+    for report in chain(reports_in(saved), made) if saved else made:
+        n_reports += 1
         if report.error is not None:
+            codes.append(report.error["code"])
             click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
         elif report.input is not None:
             say_warnings(report.input["name"], report.warnings, quiet)
-        reports.append(report)
-        if kind != "stats":
+        if table is None:
             _print_result(report, as_json)
-    if kind == "stats":
-        _print_stats(reports, form, summary)
-    codes = [report.error["code"] for report in reports if report.error is not None]
+        else:
+            table.add(report)
+    if table is not None:
+        table.print()
     if codes:
-        sys.exit(_status(codes, len(reports)))
+        sys.exit(_status(codes, n_reports))
 
 
 def _suffixes(kind: str, from_format: str | None) -> tuple[str, ...]:
@@ -136,17 +147,6 @@ def _print_result(report: Report, as_json: bool) -> None:
     else:
         for path in report.paths:
             click.echo(str(path))
-
-
-def _print_stats(reports: Sequence[Report], form: str, summary: bool) -> None:
-    from volatool.summary import summarize
-    from volatool.tables import render
-
-    good = [report for report in reports if report.error is None]
-    if summary and any(report.levels for report in good):
-        click.echo(render([summarize(good)], form))
-    elif form in ("json", "jsonl") or good:
-        click.echo(render(reports if form in ("json", "jsonl") else good, form))
 
 
 def _dry_run(

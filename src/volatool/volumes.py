@@ -158,6 +158,8 @@ def make_volumes(
     else:
         choice = _choose(options, source.crs, built[largest], counts, n_points, info)
     last = max(choice.depth, rules.stop_level(counts, n_points, options.max_depth))
+    if options.all_levels:
+        last = len(counts)
     rows: tuple[LevelRow, ...] = level_rows(
         counts[:last], built[largest].cube.exact[3], n_points, tiles=len(built)
     )

@@ -1,0 +1,69 @@
+"""What ``stats`` prints: every report, or their sum, of which no report is kept."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import click
+
+from volatool.errors import VolatoolError
+from volatool.report import Report
+from volatool.summary import Summary, is_report, read_reports
+
+
+class StatsOutput:
+    """
+    Takes reports as they come and prints at the end.
+
+    Parameters
+    ----------
+    form : str
+        Of `volatool.tables.FORMATS`.
+    is_summary : bool
+        Print the sum of the reports; failed ones are left out.
+    """
+
+    def __init__(self, form: str, is_summary: bool) -> None:
+        self.form = form
+        self.summary = Summary() if is_summary else None
+        self.reports: list[Report] = []
+
+    def add(self, report: Report) -> None:
+        """Take a report, one of a failed input too."""
+        if self.summary is None or not report.levels:
+            self.reports.append(report)
+        if self.summary is not None and report.error is None:
+            self.summary.add(report)
+
+    def print(self) -> None:
+        """Print what was taken."""
+        from volatool.tables import render
+
+        if self.summary is not None and self.summary.n_volumes:
+            click.echo(render([self.summary.report()], self.form))
+            return
+        good = [report for report in self.reports if report.error is None]
+        if self.form in ("json", "jsonl"):
+            click.echo(render(self.reports, self.form))
+        elif good:
+            click.echo(render(good, self.form))
+
+
+def split_reports(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Return files of reports, and all others."""
+    reports = [path for path in paths if is_report(path)]
+    return reports, [path for path in paths if not is_report(path)]
+
+
+def reports_in(paths: Sequence[Path]) -> Iterator[Report]:
+    """Yield the reports in files of them; a failed one for a file that is none."""
+    for path in paths:
+        try:
+            yield from read_reports(path)
+        except VolatoolError as error:
+            yield Report(
+                status="failed",
+                input={"name": path.name},
+                error={"code": error.code, "message": str(error)},
+            )
