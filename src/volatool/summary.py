@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
+from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -51,7 +53,7 @@ def summarize(reports: Iterable[Report]) -> Report:
 
 class Summary:
     """
-    The sum of reports, added one by one: of each only its name is kept.
+    The sum of reports, added one by one in any order: of each its name and areas are kept.
 
     Attributes
     ----------
@@ -64,7 +66,7 @@ class Summary:
     def __init__(self) -> None:
         self.tiles = 0
         self.n_volumes = 0
-        self._names: list[str] = []
+        self._names: list[tuple[int, str]] = []
         self._counts: list[LevelCounts] = []
         self._ends: set[int] = set()  # last levels of the reports
         self._is_partial = False
@@ -80,10 +82,10 @@ class Summary:
         self._counted: dict[str, Counter[str]] = {key: Counter() for key in _COUNTED}
         self._box: list[float] = []
         self._areas = {"all_per_area_bbox": _Area(), "all_per_area_occupied": _Area()}
-        self._n_first = 0.0
+        self._n_first = array("d")
         self._encodings: list[dict[str, Any]] = []
 
-    def add(self, report: Report) -> None:
+    def add(self, report: Report, place: int | None = None) -> None:
         """
         Add a report.
 
@@ -91,6 +93,9 @@ class Summary:
         ----------
         report : Report
             Of an input, or of a summary (its tiles count one by one).
+        place : int, optional
+            Its number among the inputs, where reports come in another order; the sum does not
+            depend on the order they come in.
         """
         self.tiles += report.tiles or 1
         if not report.levels:
@@ -107,7 +112,7 @@ class Summary:
         self._rules.add((report.choice or {})["rule"])
         self._depths.add(report.depth)
         if report.input is not None:
-            self._add_input(report.input)
+            self._add_input(report.input, self.tiles if place is None else place)
         if len(self._depths) > 1:
             self._encodings = []
         else:
@@ -124,8 +129,8 @@ class Summary:
         self._unit.add(cube["unit"])
         self._is_snapped &= bool(cube["snapped"])
 
-    def _add_input(self, source: Mapping[str, Any]) -> None:
-        self._names += source.get("names") or [source["name"]]
+    def _add_input(self, source: Mapping[str, Any], place: int) -> None:
+        self._names += [(place, name) for name in source.get("names") or [source["name"]]]
         for key in _TOTALS:
             have, more = self._totals[key], source[key]
             self._totals[key] = None if have is None or more is None else have + more
@@ -141,9 +146,10 @@ class Summary:
         covered = self._areas["all_per_area_occupied"].add(
             source, "points_used", "all_per_area_occupied"
         )
-        self._n_first += (source["density"]["first_per_area_occupied"] or 0.0) * covered
+        self._n_first.append((source["density"]["first_per_area_occupied"] or 0.0) * covered)
 
     def _with_encodings(self, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        # the last percentages are of all: whichever report comes last
         return added_rows(
             self._encodings, rows, self._totals["las_equivalent_bytes"], self._totals["bytes"]
         )
@@ -235,7 +241,7 @@ class Summary:
         areas = self._areas
         return {
             "name": f"{len(self._names)} tiles",
-            "names": self._names,
+            "names": [name for _, name in sorted(self._names, key=lambda item: item[0])],
             **self._totals,
             **{key: common.value for key, common in self._common.items()},
             **{key: dict(counter) for key, counter in self._counted.items()},
@@ -243,7 +249,9 @@ class Summary:
             "density": {
                 "all_per_area_bbox": areas["all_per_area_bbox"].ratio(read or 0),
                 "all_per_area_occupied": areas["all_per_area_occupied"].ratio(used or 0),
-                "first_per_area_occupied": areas["all_per_area_occupied"].ratio(self._n_first),
+                "first_per_area_occupied": areas["all_per_area_occupied"].ratio(
+                    math.fsum(self._n_first)
+                ),
                 "occupied_cell": None,
             },
         }
@@ -266,17 +274,34 @@ class _Area:
     """A sum of areas, which follow from tiles' own densities; None once one can't be had."""
 
     def __init__(self) -> None:
-        self.total: float | None = 0.0
+        self._parts = array("d")  # their exact sum is the same in any order
+        self._is_known = True
 
     def add(self, source: Mapping[str, Any], count: str, density: str) -> float:
         """Return the area that a density was taken over; 0 where there is none."""
         value = source["density"][density]
         area: float = source[count] / value if value else 0.0
-        self.total = None if self.total is None or not area else self.total + area
+        self._is_known &= area != 0
+        self._parts.append(area)
         return area
 
     def ratio(self, n_points: float) -> float | None:
-        return n_points / self.total if self.total else None
+        return n_points / math.fsum(self._parts) if self._is_known and self._parts else None
+
+
+def summed_inputs(documents: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """
+    Return the ``input`` objects of several reports as one.
+
+    Parameters
+    ----------
+    documents : iterable of dict
+        In order; ``name`` and ``names`` of the sum are for the caller to say better.
+    """
+    summary = Summary()
+    for place, document in enumerate(documents):
+        summary._add_input(document, place)
+    return summary._input()
 
 
 def is_report(path: Path) -> bool:
