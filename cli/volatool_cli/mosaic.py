@@ -11,7 +11,7 @@ import click
 from volatool.errors import OptionError
 from volatool.options import ConvertOptions
 from volatool_cli.exit_codes import ExitCode
-from volatool_cli.run import convert_options, run_tiles, stdin_names
+from volatool_cli.run import RUN_ONLY, convert_options, run_tiles, stdin_names
 
 
 def run_mosaic(arguments: dict[str, Any], kind: str) -> None:
@@ -84,15 +84,13 @@ def run_mosaic(arguments: dict[str, Any], kind: str) -> None:
 
 def _options(arguments: dict[str, Any], shared: str) -> ConvertOptions:
     """Return the library's options; what tiles have in common is to be in a file."""
-    run_only = ("quiet", "verbose", "log", "progress", "as_json", "fail_fast", "overwrite",
-                "dry_run", "outdir", "jobs", "manifest", "resume", "verify", "scheduler")  # fmt: skip
     if arguments["neighbours"]:
         raise OptionError("--mosaic finds the neighbours among its tiles: leave out --neighbours")
     if arguments["like"]:
         raise OptionError("--mosaic has a grid of its own: leave out --like")
     if not arguments.get("dem", True):
         raise OptionError("--mosaic is of elevation models: leave out --no-dem")
-    asked = {key: value for key, value in arguments.items() if key not in run_only}
+    asked = {key: value for key, value in arguments.items() if key not in RUN_ONLY}
     return convert_options({**asked, "neighbours": (shared,), "params_from": shared})
 
 

@@ -31,6 +31,11 @@ _STATUS_OF = {
 }
 """What the status says when every input failed for such a reason."""
 
+RUN_ONLY = frozenset(
+    ["quiet", "verbose", "log", "progress", "as_json", "form", "summary", "summary_to", "fail_fast", "overwrite", "dry_run", "outdir", "jobs", "manifest", "resume", "verify", "scheduler"]
+)
+"""Options of commands that are about the run, not of `ConvertOptions`."""
+
 
 def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     """
@@ -48,6 +53,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     show_progress = arguments.pop("progress")
     as_json = arguments.pop("as_json", False)
     form, summary = arguments.pop("form", None), arguments.pop("summary", False)
+    summary_to = arguments.pop("summary_to", None)
     fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
@@ -63,7 +69,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         from volatool_cli.stats_output import StatsOutput, reports_in, split_reports
 
         saved, paths = split_reports(paths)
-        table = StatsOutput(form, summary)
+        table = StatsOutput(form, summary, summary_to)
         options = replace(options, all_levels=summary)
 
     from volatool import resources

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import click
 
+from volatool.encodings import output_stream
 from volatool.errors import VolatoolError
+from volatool.outputs import OutputSet
 from volatool.report import Report
 from volatool.summary import Summary, is_report, read_reports
 
@@ -22,10 +24,13 @@ class StatsOutput:
         Of `volatool.tables.FORMATS`.
     is_summary : bool
         Print the sum of the reports; failed ones are left out.
+    target : pathlib.Path, optional
+        File for the sum instead, replaced when it exists.
     """
 
-    def __init__(self, form: str, is_summary: bool) -> None:
+    def __init__(self, form: str, is_summary: bool, target: Path | None = None) -> None:
         self.form = form
+        self.target = target
         self.summary = Summary() if is_summary else None
         self.reports: list[Report] = []
 
@@ -41,13 +46,24 @@ class StatsOutput:
         from volatool.tables import render
 
         if self.summary is not None and self.summary.n_volumes:
-            click.echo(render([self.summary.report()], self.form))
+            text = render([self.summary.report()], self.form)
+            if self.target is None:
+                click.echo(text)
+            else:
+                _write(self.target, text)
             return
         good = [report for report in self.reports if report.error is None]
         if self.form in ("json", "jsonl"):
             click.echo(render(self.reports, self.form))
         elif good:
             click.echo(render(good, self.form))
+
+
+def _write(path: Path, text: str) -> None:
+    with OutputSet(overwrite=True) as outputs:
+        with output_stream(outputs.add(path)) as stream:
+            stream.write((text + "\n").encode())
+        outputs.commit()
 
 
 def split_reports(paths: Sequence[Path]) -> tuple[list[Path], list[Path]]:

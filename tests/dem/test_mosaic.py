@@ -173,7 +173,7 @@ def test_the_index_file_holds_what_the_headers_say(tmp_path):
 
 def test_a_set_without_points_is_refused(tmp_path):
     empty = las(tmp_path / "e.las", np.empty((0, 3), int))
-    with pytest.raises(InputError, match="no model to make|has a point"):
+    with pytest.raises(InputError, match="has a point"):
         mosaics.prepare([empty], ConvertOptions(), tmp_path / "out", "set")
     assert not (tmp_path / "out").exists()
 

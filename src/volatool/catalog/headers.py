@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from fractions import Fraction
 from functools import lru_cache
@@ -15,6 +15,7 @@ import numpy as np
 from volatool.errors import FormatError, InputNotFoundError, VolatoolError
 from volatool.model import F64, CrsInfo
 from volatool.options import ConvertOptions
+from volatool.points.header import LasHeader
 from volatool.report import dumps
 
 SET_SUFFIX = ".set.json"
@@ -92,24 +93,14 @@ def index_headers(paths: Iterable[Path], options: ConvertOptions) -> HeaderIndex
     index : HeaderIndex
         Of the files that have points, in the order given.
     """
-    from volatool.tile import open_source
-
-    plain = opening_options(options)
     kept: list[Path] = []
     boxes: list[tuple[float, ...]] = []
     numbers: dict[CrsInfo, int] = {}
     crs_of: list[int] = []
     n_points: list[int] = []
     failed: dict[Path, VolatoolError] = {}
-    for path in paths:
-        try:
-            with open_source(path, plain) as source:
-                box, crs, n = source.header.box, source.crs, source.n_points
-        except VolatoolError as error:
-            failed[path] = error
-            continue
-        if not n:
-            continue
+    for path, header, crs, n in headers_of(paths, options, failed):
+        box = header.box
         is_box = np.all(np.isfinite(box)) and all(box[k] <= box[3 + k] for k in range(3))
         kept.append(path)
         boxes.append(box if is_box else (np.nan,) * 6)
@@ -117,6 +108,33 @@ def index_headers(paths: Iterable[Path], options: ConvertOptions) -> HeaderIndex
         n_points.append(n)
     array = np.array(boxes, np.float64).reshape(-1, 6)
     return HeaderIndex(kept, array, list(numbers), crs_of, n_points, failed)
+
+
+def headers_of(
+    paths: Iterable[Path], options: ConvertOptions, failed: dict[Path, VolatoolError]
+) -> Iterator[tuple[Path, LasHeader, CrsInfo, int]]:
+    """
+    Yield header, CRS and number of points of each file that has any.
+
+    Parameters
+    ----------
+    paths, options
+        As for `index_headers`.
+    failed : dict of pathlib.Path to VolatoolError
+        Gets the files that can't be opened.
+    """
+    from volatool.tile import open_source
+
+    plain = opening_options(options)
+    for path in paths:
+        try:
+            with open_source(path, plain) as source:
+                found = (path, source.header, source.crs, source.n_points)
+        except VolatoolError as error:
+            failed[path] = error
+            continue
+        if found[3]:
+            yield found
 
 
 def set_document(index: HeaderIndex, cell: float, spacing: float) -> bytes:
@@ -140,7 +158,7 @@ def set_document(index: HeaderIndex, cell: float, spacing: float) -> bytes:
         "schema": SCHEMA,
         "dem": {"cell": cell, "spacing": spacing},
         "input": {"crs": {"unit_xy": unit}},
-        "crs": [_crs_document(crs) for crs in index.crs],
+        "crs": [crs_document(crs) for crs in index.crs],
         "tiles": {
             "paths": [str(path.resolve()) for path in index.paths],
             "boxes": index.boxes.tolist(),
@@ -182,7 +200,7 @@ def _read_set(path: Path, stamp: tuple[int, int]) -> HeaderIndex:
         return HeaderIndex(
             paths,
             boxes,
-            [_crs_of(one) for one in document["crs"]],
+            [crs_from_document(one) for one in document["crs"]],
             [int(number) for number in tiles["crs"]],
             [int(number) for number in tiles["points"]],
         )
@@ -190,7 +208,8 @@ def _read_set(path: Path, stamp: tuple[int, int]) -> HeaderIndex:
         raise FormatError(f"{path}: not a set of tiles ({error})", "E_NOT_REPORT") from error
 
 
-def _crs_document(crs: CrsInfo) -> dict[str, Any]:
+def crs_document(crs: CrsInfo) -> dict[str, Any]:
+    """Return all of a CRS as a JSON object."""
     document = asdict(crs)
     for name in _FRACTIONS:
         if document[name] is not None:
@@ -198,7 +217,8 @@ def _crs_document(crs: CrsInfo) -> dict[str, Any]:
     return document
 
 
-def _crs_of(document: Mapping[str, Any]) -> CrsInfo:
+def crs_from_document(document: Mapping[str, Any]) -> CrsInfo:
+    """Return the CRS that `crs_document` made an object of."""
     values = {one.name: document[one.name] for one in fields(CrsInfo)}
     for name in _FRACTIONS:
         if values[name] is not None:

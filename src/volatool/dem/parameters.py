@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from volatool.errors import FormatError, InputError, InputNotFoundError, OptionError
 from volatool.model import CrsInfo, as_fraction
 
-
 if TYPE_CHECKING:
     from volatool.catalog.headers import HeaderIndex
     from volatool.options import ConvertOptions
