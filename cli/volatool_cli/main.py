@@ -26,6 +26,7 @@ from volatool_cli.commands.info import info
 from volatool_cli.commands.merge import merge
 from volatool_cli.commands.query import query
 from volatool_cli.commands.query_space import SPACE_KINDS
+from volatool_cli.commands.recommend import recommend
 from volatool_cli.commands.reproduce import reproduce
 from volatool_cli.commands.retile import retile
 from volatool_cli.commands.stats import stats
@@ -98,6 +99,7 @@ for command in (
     diff,
     merge,
     index,
+    recommend,
     retile,
     validate,
     reproduce,

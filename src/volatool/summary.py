@@ -181,6 +181,7 @@ class Summary:
             counts = counts[: max(choice.depth, stop_level(counts, n_points))]
         rows = level_rows(counts, Fraction(repr(side)), n_points, tiles=self._cubes)
         same_side = low == side
+        sides = {} if same_side else {"sides": [low, side]}
         is_alike = self._depths == {choice.depth}
         return Report(
             status="partial" if self._is_partial else "ok",
@@ -191,6 +192,7 @@ class Summary:
                 "unit": self._unit.value,
                 "snapped": self._is_snapped,
                 "cubes": self._cubes,
+                **sides,
             },
             levels=tuple(
                 {**row.to_dict(), "cell": row.cell if same_side else None} for row in rows
