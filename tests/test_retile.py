@@ -177,7 +177,7 @@ def test_a_file_that_changed_after_the_plan_is_refused(files, tmp_path):
 
 def test_what_can_not_share_cubes_is_refused(files, tmp_path):
     paths, _ = files
-    xyz, more = points(500)
+    xyz, _ = points(500)
     other = write_las(tmp_path / "o.las", xyz, crs="EPSG:25833")
     with pytest.raises(CRSError, match=r"f0\.las and o\.las"):
         plan([*paths, other], ConvertOptions(split=SIDE), "all")

@@ -32,7 +32,25 @@ _STATUS_OF = {
 """What the status says when every input failed for such a reason."""
 
 RUN_ONLY = frozenset(
-    ["quiet", "verbose", "log", "progress", "as_json", "form", "summary", "summary_to", "fail_fast", "overwrite", "dry_run", "outdir", "jobs", "manifest", "resume", "verify", "scheduler"]
+    [
+        "quiet",
+        "verbose",
+        "log",
+        "progress",
+        "as_json",
+        "form",
+        "summary",
+        "summary_to",
+        "fail_fast",
+        "overwrite",
+        "dry_run",
+        "outdir",
+        "jobs",
+        "manifest",
+        "resume",
+        "verify",
+        "scheduler",
+    ]
 )
 """Options of commands that are about the run, not of `ConvertOptions`."""
 
@@ -64,7 +82,8 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
     paths = expand(names, stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)
-    saved, table = [], None
+    saved: list[Path] = []
+    table = None
     if kind == "stats":
         from volatool_cli.stats_output import StatsOutput, reports_in, split_reports
 

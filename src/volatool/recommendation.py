@@ -69,7 +69,9 @@ def recommend(
     expected = {
         "volume_bytes": round(chosen["volume_bytes"] * factor),
         "volume_with_metadata_bytes": round(chosen["volume_with_metadata_bytes"] * factor),
-        "dem_cells": None if dem is None or area is None else round(area * factor / dem["cell"] ** 2),
+        "dem_cells": None
+        if dem is None or area is None
+        else round(area * factor / dem["cell"] ** 2),
         "is_extrapolated": factor != 1.0,
         "factor": factor,
     }
@@ -123,8 +125,8 @@ def _dem(
     if parameters is not None:
         cell, spacing = float(parameters.cell), parameters.spacing
         reason = (
-            f"the median of the smallest cells at which {COVERAGE:.0%} hold a point of the surface, "
-            f"measured on points; their mean spacing is {spacing:.3g}"
+            f"the median of the smallest cells of which {COVERAGE:.0%} hold a point of the "
+            f"surface, measured on points; their mean spacing is {spacing:.3g}"
         )
         return {"cell": cell, "spacing": spacing, "is_measured": True, "reason": reason}
     density = source["density"]["first_per_area_occupied"]
@@ -135,8 +137,8 @@ def _dem(
     candidates = [float(value / metres_per_unit) for value in CANDIDATES]
     cell = next((value for value in candidates if value >= least), candidates[-1])
     reason = (
-        f"estimated: {density:.3g} first returns per square unit, at random, fill {COVERAGE:.0%} of "
-        f"the cells from {least:.3g} on; a surface of the ground class has fewer points"
+        f"estimated: {density:.3g} first returns per square unit, at random, fill "
+        f"{COVERAGE:.0%} of the cells from {least:.3g} on; a surface of the ground class has fewer points"
     )
     return {"cell": cell, "spacing": density**-0.5, "is_measured": False, "reason": reason}
 

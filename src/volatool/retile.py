@@ -254,7 +254,9 @@ def _common_crs(headers: Sequence[tuple[Path, Any, CrsInfo, int]]) -> CrsInfo:
     return first[2]
 
 
-def _common_channels(dimensions: Sequence[frozenset[str]], options: ConvertOptions) -> tuple[str, ...]:
+def _common_channels(
+    dimensions: Sequence[frozenset[str]], options: ConvertOptions
+) -> tuple[str, ...]:
     from volatool.vola.metadata import channels_of
 
     have = set(channels_of(frozenset.intersection(*dimensions)))

@@ -150,9 +150,7 @@ class _Work:
             cube=part.cube,
             levels=part.levels,
             choice=part.choice,
-            encodings=resized(
-                part.encodings, document["las_equivalent_bytes"], document["bytes"]
-            ),
+            encodings=resized(part.encodings, document["las_equivalent_bytes"], document["bytes"]),
             warnings=(*self.warnings, *part.warnings),
         )
 
@@ -210,7 +208,8 @@ class _Work:
         return Census(expected, area_cell_for(expected, scale, self.frame.crs.metres_per_unit_xy))
 
     def _place(self, value: Fraction, axis: int) -> int:
-        return round((value - self.offset[axis]) / self.scale[axis])
+        steps: Fraction = (value - self.offset[axis]) / self.scale[axis]
+        return round(steps)
 
     def _take(
         self,

@@ -32,7 +32,7 @@ from volatool.units import format_size
 
 if TYPE_CHECKING:
     from volatool.points.source import Source
-    from volatool.scan import CubeIndex
+    from volatool.snapped import CubeIndex
     from volatool.vola.builder import VolaBuilder
     from volatool.vola.built import Built
     from volatool.vola.volume import Volume, VolumeInfo

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from volatool_cli import options
-from volatool_cli.params import LengthType
+from volatool_cli.params import BoundsType, LengthType
 
 
 @click.command(short_help="Cut files anew into the cubes of one grid.")
@@ -23,7 +23,7 @@ from volatool_cli.params import LengthType
     help="Side of the cubes; their corners are on multiples of it.",
 )
 @options.of_class
-@click.option("--bounds", type=options.BoundsType(), help="Use only points inside, in CRS units.")
+@click.option("--bounds", type=BoundsType(), help="Use only points inside, in CRS units.")
 @options.reading
 @options.crs
 @options.depth

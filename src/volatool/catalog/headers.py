@@ -1,4 +1,4 @@
-"""A spatial index of point files by their headers, and the file that tiles of one run share it by."""
+"""A spatial index of point files by their headers, and the file by which tiles share it."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from volatool.report import dumps
 SCHEMA = "volatool.mosaic/1"
 
 WINDOW = 2048
-"""Edge of the squares in which a mosaic is read: files' blocks are decoded little more than once."""
+"""Edge of the squares in which a mosaic is read: few blocks of files are decoded twice."""
 
 
 def prepare(
