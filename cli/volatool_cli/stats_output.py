@@ -52,6 +52,8 @@ class StatsOutput:
             else:
                 _write(self.target, text)
             return
+        if self.target is not None:
+            return
         good = [report for report in self.reports if report.error is None]
         if self.form in ("json", "jsonl"):
             click.echo(render(self.reports, self.form))

@@ -114,22 +114,12 @@ def _row(row: Mapping[str, Any], sides: tuple[float, float], is_chosen: bool) ->
 
 def _area(source: Mapping[str, Any]) -> float | None:
     """Return the area of the boxes of all tiles."""
-    density = source["density"]["all_per_area_bbox"]
-    return source["points_read"] / density if density else None
-
-
-def _dem(
-    source: Mapping[str, Any], parameters: Parameters | None, metres_per_unit: Fraction
-) -> dict[str, Any] | None:
-    """Return the cell and why; None where nothing tells the density."""
-    if parameters is not None:
-        cell, spacing = float(parameters.cell), parameters.spacing
-        reason = (
-            f"the median of the smallest cells of which {COVERAGE:.0%} hold a point of the "
-            f"surface, measured on points; their mean spacing is {spacing:.3g}"
-        )
-        return {"cell": cell, "spacing": spacing, "is_measured": True, "reason": reason}
-    density = source["density"]["first_per_area_occupied"]
+    densities = source["density"]
+    if not densities["all_per_area_bbox"] or not densities["all_per_area_occupied"]:
+        return None
+    # boxes, as covered area is counted in cells that a small tile's points don't fill
+    part = (densities["first_per_area_occupied"] or 0.0) / densities["all_per_area_occupied"]
+    density = part * densities["all_per_area_bbox"]
     if not density:
         return None
     # points at random leave exp(-density * cell**2) of the cells empty
@@ -137,8 +127,8 @@ def _dem(
     candidates = [float(value / metres_per_unit) for value in CANDIDATES]
     cell = next((value for value in candidates if value >= least), candidates[-1])
     reason = (
-        f"estimated: {density:.3g} first returns per square unit, at random, fill "
-        f"{COVERAGE:.0%} of the cells from {least:.3g} on; a surface of the ground class has fewer points"
+        f"estimated: {density:.3g} first returns per square unit of the tiles' boxes, at random, "
+        f"fill {COVERAGE:.0%} of the cells from {least:.3g} on; ground points are fewer"
     )
     return {"cell": cell, "spacing": density**-0.5, "is_measured": False, "reason": reason}
 
