@@ -118,7 +118,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         if table is None:
             _print_result(report, as_json)
         else:
-            table.add(report)
+            table.add(report, n_reports)
     if table is not None:
         table.print()
     if codes:

@@ -32,14 +32,14 @@ class StatsOutput:
         self.form = form
         self.target = target
         self.summary = Summary() if is_summary else None
-        self.reports: list[Report] = []
+        self._kept: dict[int, Report] = {}
 
-    def add(self, report: Report) -> None:
-        """Take a report, one of a failed input too."""
+    def add(self, report: Report, place: int) -> None:
+        """Take a report, one of a failed input too; `place` is its number, in whatever order."""
         if self.summary is None or not report.levels:
-            self.reports.append(report)
+            self._kept[place] = report
         if self.summary is not None and report.error is None:
-            self.summary.add(report)
+            self.summary.add(report, place)
 
     def print(self) -> None:
         """Print what was taken."""
@@ -54,9 +54,10 @@ class StatsOutput:
             return
         if self.target is not None:
             return
-        good = [report for report in self.reports if report.error is None]
+        reports = [self._kept[place] for place in sorted(self._kept)]
+        good = [report for report in reports if report.error is None]
         if self.form in ("json", "jsonl"):
-            click.echo(render(self.reports, self.form))
+            click.echo(render(reports, self.form))
         elif good:
             click.echo(render(good, self.form))
 

@@ -114,6 +114,21 @@ def _row(row: Mapping[str, Any], sides: tuple[float, float], is_chosen: bool) ->
 
 def _area(source: Mapping[str, Any]) -> float | None:
     """Return the area of the boxes of all tiles."""
+    density = source["density"]["all_per_area_bbox"]
+    return source["points_read"] / density if density else None
+
+
+def _dem(
+    source: Mapping[str, Any], parameters: Parameters | None, metres_per_unit: Fraction
+) -> dict[str, Any] | None:
+    """Return the cell and why; None where nothing tells the density."""
+    if parameters is not None:
+        cell, spacing = float(parameters.cell), parameters.spacing
+        reason = (
+            f"the median of the smallest cells of which {COVERAGE:.0%} hold a point of the "
+            f"surface, measured on points; their mean spacing is {spacing:.3g}"
+        )
+        return {"cell": cell, "spacing": spacing, "is_measured": True, "reason": reason}
     densities = source["density"]
     if not densities["all_per_area_bbox"] or not densities["all_per_area_occupied"]:
         return None
