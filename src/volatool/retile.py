@@ -30,7 +30,10 @@ GROUP_SUFFIX = ".cubes"
 SCHEMA = "volatool.cubes/1"
 
 MOST_CUBES = 1024
-"""Cubes of a group; fewer than one tile may be split into."""
+"""Cubes of a group, as planned; half of what one unit of work may have."""
+
+MOST_LAYERS = 8
+"""Layers that are planned for: a stray point far above makes the headers tell of more."""
 
 Columns = tuple[int, int, int, int]
 """Columns of cubes: first x, first y, and the ones behind the last."""
@@ -297,7 +300,7 @@ def _groups(frame: Frame, pieces: Sequence[Piece], n_layers: int) -> list[Group]
         for piece in pieces
     )
     width = widths[len(widths) // 2]
-    most = max(1, math.isqrt(MOST_CUBES // n_layers)) if n_layers <= MOST_CUBES else 1
+    most = max(1, math.isqrt(MOST_CUBES // min(n_layers, MOST_LAYERS)))
     step = most // width * width if most >= width else most
     members: dict[tuple[int, int], list[Piece]] = defaultdict(list)
     for piece in pieces:
