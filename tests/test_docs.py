@@ -15,6 +15,7 @@ TOP = Path(__file__).resolve().parents[1]
 PAGES = [
     "docs/tutorial.md",
     "docs/how-to/many-tiles.md",
+    "docs/how-to/data-sets.md",
     "docs/how-to/dem.md",
     "docs/how-to/uncertainty.md",
     "docs/how-to/check-accuracy.md",

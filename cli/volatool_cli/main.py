@@ -26,7 +26,9 @@ from volatool_cli.commands.info import info
 from volatool_cli.commands.merge import merge
 from volatool_cli.commands.query import query
 from volatool_cli.commands.query_space import SPACE_KINDS
+from volatool_cli.commands.recommend import recommend
 from volatool_cli.commands.reproduce import reproduce
+from volatool_cli.commands.retile import retile
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
 from volatool_cli.exit_codes import ExitCode, code_for
@@ -97,6 +99,8 @@ for command in (
     diff,
     merge,
     index,
+    recommend,
+    retile,
     validate,
     reproduce,
     doctor,

@@ -37,6 +37,29 @@ _STATUS_OF = {
 }
 """What the status says when every input failed for such a reason."""
 
+RUN_ONLY = frozenset(
+    [
+        "quiet",
+        "verbose",
+        "log",
+        "progress",
+        "as_json",
+        "form",
+        "summary",
+        "summary_to",
+        "fail_fast",
+        "overwrite",
+        "dry_run",
+        "outdir",
+        "jobs",
+        "manifest",
+        "resume",
+        "verify",
+        "scheduler",
+    ]
+)
+"""Options of commands that are about the run, not of `ConvertOptions`."""
+
 
 def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     """
@@ -54,6 +77,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     show_progress = arguments.pop("progress")
     as_json = arguments.pop("as_json", False)
     form, summary = arguments.pop("form", None), arguments.pop("summary", False)
+    summary_to = arguments.pop("summary_to", None)
     fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
@@ -72,6 +96,14 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
     paths = expand(names, stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)
+    saved: list[Path] = []
+    table = None
+    if kind == "stats":
+        from volatool_cli.stats_output import StatsOutput, reports_in, split_reports
+
+        saved, paths = split_reports(paths)
+        table = StatsOutput(form, summary, summary_to)
+        options = replace(options, all_levels=summary)
 
     from volatool import resources
     from volatool.batch.manifest import Manifest
@@ -84,7 +116,6 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         _dry_run(paths, options, kind, folder, overwrite or resume)
         return
     executor, options = _executor(jobs, scheduler, options, len(paths))
-    reports: list[Report] = []
     codes, n_inputs = [], 0
     watcher = watcher_of(show_progress, quiet)
     with contextlib.ExitStack() as stack:
@@ -103,28 +134,39 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         )
         stack.enter_context(contextlib.closing(results))
         try:
+            if table is not None:
+                for report in reports_in(saved):
+                    n_inputs += 1
+                    codes += _told(report, quiet)
+                    table.add(report, n_inputs)
             for result in in_order(results) if kind == "stats" else results:
                 report = result.report
                 n_inputs += 1
                 with watcher.aside():
-                    if report.error is not None:
-                        codes.append(report.error["code"])
-                        click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
-                    elif report.input is not None:
-                        say_warnings(report.input["name"], report.warnings, quiet)
-                    if kind != "stats":
+                    codes += _told(report, quiet)
+                    if table is None:
                         _print_result(report, as_json)
-                if kind == "stats":
-                    reports.append(report)
+                    else:
+                        table.add(report, n_inputs)
         except VolatoolError as error:  # not a tile's: there is nobody left to work
             if n_inputs == len(codes):
                 raise
             click.echo(f"{error.code}: {error}", err=True)
             sys.exit(ExitCode.SOME_FAILED)
-    if kind == "stats":
-        _print_stats(reports, form, summary)
+    if table is not None:
+        table.print()
     if codes:
         sys.exit(_status(codes, n_inputs + watcher.n_skipped))
+
+
+def _told(report: Report, quiet: bool) -> list[str]:
+    """Say what was wrong with an input; return the code of its error, if any."""
+    if report.error is not None:
+        click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
+        return [report.error["code"]]
+    if report.input is not None:
+        say_warnings(report.input["name"], report.warnings, quiet)
+    return []
 
 
 def _executor(
@@ -214,17 +256,6 @@ def _print_result(report: Report, as_json: bool) -> None:
     else:
         for path in report.paths:
             click.echo(str(path))
-
-
-def _print_stats(reports: Sequence[Report], form: str, summary: bool) -> None:
-    from volatool.summary import summarize
-    from volatool.tables import render
-
-    good = [report for report in reports if report.error is None]
-    if summary and any(report.levels for report in good):
-        click.echo(render([summarize(good)], form))
-    elif form in ("json", "jsonl") or good:
-        click.echo(render(reports if form in ("json", "jsonl") else good, form))
 
 
 def _dry_run(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -216,6 +216,20 @@ def added_rows(
             }
         )
     return added
+
+
+def resized(
+    rows: Iterable[dict[str, Any]], las_bytes: int | None, input_bytes: int | None
+) -> tuple[dict[str, Any], ...]:
+    """Return rows with the sizes that they are compared with replaced."""
+    return tuple(
+        {
+            **row,
+            "percent_of_las": _percent(row["file_bytes"], las_bytes),
+            "percent_of_input": _percent(row["file_bytes"], input_bytes),
+        }
+        for row in rows
+    )
 
 
 def _identity(row: dict[str, Any]) -> tuple[str, int, str]:

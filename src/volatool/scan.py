@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -22,17 +21,17 @@ from volatool.census import (
 )
 from volatool.cube import Cube
 from volatool.errors import CodedWarning, InputError, OptionError, ResourceError
-from volatool.model import I64, Bool, PointChunk, Progress, as_fraction
+from volatool.model import Bool, PointChunk, Progress
 from volatool.options import ConvertOptions
 from volatool.points.select import Selection
 from volatool.reference import reference
+from volatool.snapped import CubeIndex, by_cube, snapped_cube
 
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfaceGatherer
     from volatool.points.source import Source
     from volatool.vola.builder import VolaBuilder
 
-CubeIndex = tuple[int, int, int]
 BuilderMaker = Callable[[Cube], "VolaBuilder"]
 
 MAX_CUBES = 2048
@@ -295,34 +294,14 @@ class TileScanner:
         return self.options.split.in_units(self.source.crs.metres_per_unit_xy)
 
     def _split_cube(self, index: CubeIndex) -> Cube:
-        side = self.split_side
-        return Cube.from_exact([number * side for number in index], side, is_snapped=True)
+        return snapped_cube(index, self.split_side)
 
     def _split(self, chunk: PointChunk) -> Iterator[tuple[CubeIndex, PointChunk]]:
-        """Yield the points of a chunk by snapped cube; half-open, so each point is in one."""
-        columns = [self._cube_numbers(chunk, axis) for axis in range(3)]
-        order = np.lexsort(columns)  # stable: the points of a cube stay in file order
-        chunk = chunk.take(order)
-        numbers = np.column_stack(columns)[order]
-        starts = np.flatnonzero(np.any(np.diff(numbers, axis=0, prepend=numbers[:1] - 1), axis=1))
-        for start, stop in zip(starts, [*starts[1:], len(chunk)], strict=True):
-            x, y, z = (int(value) for value in numbers[start])
-            yield (x, y, z), chunk.take(slice(start, stop))
-
-    def _cube_numbers(self, chunk: PointChunk, axis: int) -> I64:
-        """Return the index of the snapped cube of each point on one axis, exactly."""
-        ratio = self.source.crs.z_ratio if axis == 2 else Fraction(1)
-        slope = as_fraction(chunk.scale[axis]) * ratio / self.split_side
-        shift = as_fraction(chunk.offset[axis]) * ratio / self.split_side
-        length = math.lcm(slope.denominator, shift.denominator)
-        stored = (chunk.x, chunk.y, chunk.z)[axis]
-        factor, start = int(slope * length), int(shift * length)
-        if abs(factor) < 2**30 and max(abs(start), length) < 2**61:
-            return (stored.astype(np.int64) * factor + start) // length
-        numbers = (stored.astype(object) * factor + start) // length
-        if max(map(abs, (numbers.min(), numbers.max()))) >= 2**62:
-            raise self._too_many_cubes()
-        return np.asarray(numbers, np.int64)
+        """Yield the points of a chunk by snapped cube."""
+        try:
+            yield from by_cube(chunk, self.split_side, self.source.crs.z_ratio)
+        except OverflowError as error:
+            raise self._too_many_cubes() from error
 
     def _too_many_cubes(self) -> ResourceError:
         return ResourceError(

@@ -32,6 +32,7 @@ from volatool.outputs import OutputSet, refuse_existing
 from volatool.remote.path import is_url
 from volatool.remote.staging import local_copy
 from volatool.report import Report
+from volatool.retile import GROUP_SUFFIX, is_group
 from volatool.scan import Scan, TileScanner
 from volatool.scratch import Scratch
 from volatool.volumes import VolumePart, depth_in_advance, make_volumes, own_depth
@@ -72,7 +73,8 @@ def convert_tile(
         What is asked for.
     kind : str
         ``"convert"`` and ``"import"`` write volume, elevation model and report; ``"dem"`` the
-        elevation model; ``"stats"`` nothing.
+        elevation model; ``"stats"`` nothing; ``"retile"`` the volumes of a group of cubes, which
+        `path` names then (`volatool.retile`), and their report.
     outdir : pathlib.Path, optional
         Folder for the outputs; beside the input by default.
     overwrite : bool
@@ -102,6 +104,17 @@ def convert_tile(
 
         work = partial(convert_tile, path, options, kind=kind, progress=progress)
         return uploaded(work, planned, overwrite)
+    if is_group(path) and kind in ("retile", "stats"):
+        from volatool.retiling import cut_group
+
+        with OutputSet(overwrite) as outputs:
+            takes = outputs if kind == "retile" else None
+            report = cut_group(path, options, outdir, takes, progress)
+            report = _with_usage(report, options, started)
+            for target in planned:
+                with output_stream(outputs.add(target)) as stream:
+                    stream.write((report.to_json(indent=2) + "\n").encode())
+            return replace(report, paths=outputs.commit(planned))
     if kind == "dem" and _is_volume(path):
         return _volume_dem(path, options, outdir, overwrite, planned, started)
     with open_source(path, options, kind=kind) as source, OutputSet(overwrite) as outputs:
@@ -159,6 +172,8 @@ def planned_outputs(
         As in `convert_tile`; the kind may also be ``"classify"``.
     """
     suffixes = []
+    if kind == "retile":  # the cubes are known when the points are
+        return [(outdir or path.parent) / (path.name.removesuffix(GROUP_SUFFIX) + ".stats.json")]
     if kind in _WRITERS:
         packed = ".gz" if options.gzip else ""
         if options.split is None:

@@ -35,7 +35,7 @@ from volatool.units import format_size
 
 if TYPE_CHECKING:
     from volatool.points.source import Source
-    from volatool.scan import CubeIndex
+    from volatool.snapped import CubeIndex
     from volatool.vola.builder import VolaBuilder
     from volatool.vola.built import Built
     from volatool.vola.volume import Volume, VolumeInfo
@@ -181,6 +181,8 @@ def make_volumes(
     else:
         choice = _choose(options, source.crs, built[largest], counts, n_points, info)
     last = max(choice.depth, rules.stop_level(counts, n_points, options.max_depth))
+    if options.all_levels:
+        last = len(counts)
     rows: tuple[LevelRow, ...] = level_rows(
         counts[:last], built[largest].cube.exact[3], n_points, tiles=len(built)
     )
