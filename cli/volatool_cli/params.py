@@ -195,6 +195,23 @@ class DepthType(Base):
         self.fail(f"{value!r} is not auto or a depth from 1 to 10", param, ctx)
 
 
+class ConditionType(Base):
+    """A condition on a report: ``NAME OPERATOR VALUE``."""
+
+    name = "CONDITION"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a `Condition`."""
+        from volatool.conditions import Condition, parse_condition
+
+        if isinstance(value, Condition):
+            return value
+        try:
+            return parse_condition(value)
+        except OptionError as error:
+            self.fail(str(error), param, ctx)
+
+
 class JobsType(Base):
     """``auto`` or a number of processes."""
 

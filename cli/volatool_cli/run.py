@@ -53,6 +53,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     show_progress = arguments.pop("progress")
     as_json = arguments.pop("as_json", False)
     form, summary = arguments.pop("form", None), arguments.pop("summary", False)
+    gates = arguments.pop("gates", ())
     fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
@@ -75,6 +76,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     from volatool import resources
     from volatool.batch.manifest import Manifest
     from volatool.batch.run import run_inputs
+    from volatool.conditions import failures
 
     resources.return_freed_memory()
     if dry_run:
@@ -120,10 +122,16 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
                 raise
             click.echo(f"{error.code}: {error}", err=True)
             sys.exit(ExitCode.SOME_FAILED)
+    failed: list[str] = []
     if kind == "stats":
-        _print_stats([reports[index] for index in sorted(reports)], form, summary)
+        shown = _print_stats([reports[index] for index in sorted(reports)], form, summary)
+        failed = failures(shown, gates)
+        for line in failed:
+            click.echo(line, err=True)
     if codes:
         sys.exit(_status(codes, n_inputs + watcher.n_skipped))
+    if failed:
+        sys.exit(ExitCode.CHECK_FAILED)
 
 
 def _executor(
@@ -215,15 +223,18 @@ def _print_result(report: Report, as_json: bool) -> None:
             click.echo(str(path))
 
 
-def _print_stats(reports: Sequence[Report], form: str, summary: bool) -> None:
+def _print_stats(reports: Sequence[Report], form: str, summary: bool) -> list[Report]:
+    """Print the tables; return the reports that they tell of, without failed inputs."""
     from volatool.summary import summarize
     from volatool.tables import render
 
     good = [report for report in reports if report.error is None]
     if summary and any(report.levels for report in good):
-        click.echo(render([summarize(good)], form))
+        good = [summarize(good)]
+        click.echo(render(good, form))
     elif form in ("json", "jsonl") or good:
         click.echo(render(reports if form in ("json", "jsonl") else good, form))
+    return good
 
 
 def _dry_run(
