@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from volatool.errors import OptionError
 from volatool.units import Length, parse_size
@@ -14,6 +15,12 @@ if TYPE_CHECKING:
     Base = click.ParamType[Any]
 else:  # not subscriptable in every click that we support
     Base = click.ParamType
+
+
+def complete_files(ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
+    """Let the shell complete file names, for values that are more than a path."""
+    del ctx, param
+    return [CompletionItem(incomplete, type="file")]
 
 
 class FloatRange(click.FloatRange):
@@ -175,6 +182,14 @@ class WordsType(Base):
         if unknown:
             self.fail(f"{unknown[0]!r} is not one of {', '.join(self.words)} or none", param, ctx)
         return tuple(word for word in self.words if word in given)
+
+    def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
+        """Return the words that may follow those given so far."""
+        del ctx, param
+        before, comma, begun = incomplete.rpartition(",")
+        left = [word for word in self.words if word not in before.split(",")]
+        choices = left if comma else [*left, "none"]
+        return [CompletionItem(before + comma + word) for word in choices if word.startswith(begun)]
 
 
 class DepthType(Base):
