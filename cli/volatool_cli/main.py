@@ -77,6 +77,7 @@ def _print_completion(ctx: click.Context, param: click.Parameter, shell: str | N
     cls=VolatoolGroup,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    short_help="Turn LiDAR tiles into VOLA volumes, elevation models and statistics.",
     epilog="Documentation and error codes: docs/ in the source repository.",
 )
 @click.version_option(__version__, prog_name="volatool")
