@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import click
+from click.shell_completion import get_completion_class
 
 from volatool import __version__
 from volatool.errors import VolatoolError
@@ -63,13 +64,33 @@ class VolatoolGroup(click.Group):
             raise click.exceptions.Exit(ExitCode.STDOUT_CLOSED) from None
 
 
+def _print_completion(ctx: click.Context, param: click.Parameter, shell: str | None) -> None:
+    """Print click's completion script for a shell and leave."""
+    del param
+    if shell is not None:
+        completion = get_completion_class(shell)
+        assert completion is not None
+        name = "volatool"  # what the entry point is installed as, however this was started
+        click.echo(completion(cli, {}, name, "_VOLATOOL_COMPLETE").source())
+        ctx.exit()
+
+
 @click.group(
     cls=VolatoolGroup,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    short_help="Turn LiDAR tiles into VOLA volumes, elevation models and statistics.",
     epilog="Documentation and error codes: docs/ in the source repository.",
 )
 @click.version_option(__version__, prog_name="volatool")
+@click.option(
+    "--completion",
+    type=click.Choice(["bash", "zsh", "fish"]),
+    is_eager=True,
+    expose_value=False,
+    callback=_print_completion,
+    help="Print the script that completes commands, options and file names in a shell.",
+)
 @click.pass_context
 def cli(ctx: click.Context) -> None:
     """Turn LAS, LAZ and COPC tiles into VOLA volumes, elevation models and statistics.

@@ -19,6 +19,7 @@ from volatool_cli.params import (
     LengthType,
     SizeType,
     WordsType,
+    complete_files,
     joined,
 )
 
@@ -30,7 +31,9 @@ def group(*decorators: Callable[[Any], Any]) -> Callable[[Any], Any]:
     )
 
 
-inputs = click.argument("inputs", metavar="INPUT...", nargs=-1, required=True)
+inputs = click.argument(
+    "inputs", metavar="INPUT...", nargs=-1, required=True, shell_complete=complete_files
+)
 
 nul_names = click.option(
     "-0", "nul", is_flag=True, help="Names from stdin (INPUT -) end in NUL, as find -print0 writes."
@@ -290,6 +293,7 @@ dem = group(
         "--neighbours",
         multiple=True,
         metavar="DIR|LIST",
+        shell_complete=complete_files,
         help="Tiles around (folder, file, pattern, @list), so that DEMs meet at the seams.",
     ),
     click.option(
@@ -301,19 +305,29 @@ dem = group(
     click.option(
         "--params-from",
         metavar="REPORTS",
+        shell_complete=complete_files,
         help="Cell and stiffness of a whole set, from the reports of a first run.",
     ),
-    click.option("--like", metavar="REF.tif", help="Cells, corner and extent of a raster."),
+    click.option(
+        "--like",
+        metavar="REF.tif",
+        shell_complete=complete_files,
+        help="Cells, corner and extent of a raster.",
+    ),
     click.option(
         "--robust", is_flag=True, help="Points far off the surface of the others hardly count."
     ),
     click.option(
         "--breaklines",
         metavar="FILE",
+        shell_complete=complete_files,
         help="Lines (GeoJSON, GeoPackage, ...) that the surface may break along.",
     ),
     click.option(
-        "--water", metavar="FILE", help="Polygons: lakes become level, river banks may break."
+        "--water",
+        metavar="FILE",
+        shell_complete=complete_files,
+        help="Polygons: lakes become level, river banks may break.",
     ),
 )
 

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from volatool.errors import OptionError
 from volatool.units import Length, parse_size
@@ -14,6 +15,12 @@ if TYPE_CHECKING:
     Base = click.ParamType[Any]
 else:  # not subscriptable in every click that we support
     Base = click.ParamType
+
+
+def complete_files(ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
+    """Let the shell complete file names, for values that are more than a path."""
+    del ctx, param
+    return [CompletionItem(incomplete, type="file")]
 
 
 class FloatRange(click.FloatRange):
@@ -176,6 +183,14 @@ class WordsType(Base):
             self.fail(f"{unknown[0]!r} is not one of {', '.join(self.words)} or none", param, ctx)
         return tuple(word for word in self.words if word in given)
 
+    def shell_complete(self, ctx: Any, param: Any, incomplete: str) -> list[CompletionItem]:
+        """Return the words that may follow those given so far."""
+        del ctx, param
+        before, comma, begun = incomplete.rpartition(",")
+        left = [word for word in self.words if word not in before.split(",")]
+        choices = left if comma else [*left, "none"]
+        return [CompletionItem(before + comma + word) for word in choices if word.startswith(begun)]
+
 
 class DepthType(Base):
     """``auto`` or a number of levels."""
@@ -193,6 +208,23 @@ class DepthType(Base):
         except ValueError:
             pass
         self.fail(f"{value!r} is not auto or a depth from 1 to 10", param, ctx)
+
+
+class ConditionType(Base):
+    """A condition on a report: ``NAME OPERATOR VALUE``."""
+
+    name = "CONDITION"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return a `Condition`."""
+        from volatool.conditions import Condition, parse_condition
+
+        if isinstance(value, Condition):
+            return value
+        try:
+            return parse_condition(value)
+        except OptionError as error:
+            self.fail(str(error), param, ctx)
 
 
 class JobsType(Base):

@@ -47,6 +47,7 @@ RUN_ONLY = frozenset(
         "form",
         "summary",
         "summary_to",
+        "gates",
         "fail_fast",
         "overwrite",
         "dry_run",
@@ -78,6 +79,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     as_json = arguments.pop("as_json", False)
     form, summary = arguments.pop("form", None), arguments.pop("summary", False)
     summary_to = arguments.pop("summary_to", None)
+    gates = arguments.pop("gates", ())
     fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
@@ -108,6 +110,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     from volatool import resources
     from volatool.batch.manifest import Manifest
     from volatool.batch.run import in_order, run_inputs
+    from volatool.conditions import failures
 
     resources.return_freed_memory()
     if dry_run:
@@ -153,10 +156,15 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
                 raise
             click.echo(f"{error.code}: {error}", err=True)
             sys.exit(ExitCode.SOME_FAILED)
+    failed: list[str] = []
     if table is not None:
-        table.print()
+        failed = failures(table.print(), gates)
+        for line in failed:
+            click.echo(line, err=True)
     if codes:
         sys.exit(_status(codes, n_inputs + watcher.n_skipped))
+    if failed:
+        sys.exit(ExitCode.CHECK_FAILED)
 
 
 def _told(report: Report, quiet: bool) -> list[str]:

@@ -41,25 +41,27 @@ class StatsOutput:
         if self.summary is not None and report.error is None:
             self.summary.add(report, place)
 
-    def print(self) -> None:
-        """Print what was taken."""
+    def print(self) -> list[Report]:
+        """Print what was taken; return the reports that it tells of, without failed inputs."""
         from volatool.tables import render
 
         if self.summary is not None and self.summary.n_volumes:
-            text = render([self.summary.report()], self.form)
+            total = self.summary.report()
+            text = render([total], self.form)
             if self.target is None:
                 click.echo(text)
             else:
                 _write(self.target, text)
-            return
+            return [total]
         if self.target is not None:
-            return
+            return []
         reports = [self._kept[place] for place in sorted(self._kept)]
         good = [report for report in reports if report.error is None]
         if self.form in ("json", "jsonl"):
             click.echo(render(reports, self.form))
         elif good:
             click.echo(render(good, self.form))
+        return good
 
 
 def _write(path: Path, text: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import shutil
 import signal
@@ -194,15 +193,3 @@ def test_a_killed_run_leaves_no_result_and_the_next_run_cleans_up(volatool):
     done = volatool("convert", "town.laz", "-o", "out", "--overwrite")
     assert done.returncode == 0, done.stderr
     assert not [path.name for path in out.iterdir() if path.name.startswith(".")]
-
-
-def test_completion_scripts_are_clicks_own(volatool):
-    done = volatool(env={"_PYTHON_M_VOLATOOL_CLI_COMPLETE": "bash_source"})
-    done = subprocess.run(
-        [sys.executable, "-c", "from volatool_cli.main import main; main()"],
-        env={**os.environ, "_VOLATOOL_COMPLETE": "bash_source"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert "complete -o nosort -F" in done.stdout

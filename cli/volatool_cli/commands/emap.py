@@ -8,11 +8,18 @@ import click
 
 from volatool.naming import LAYERS
 from volatool_cli import options
-from volatool_cli.params import BoundsType, FloatRange, LengthType, SizeType, WordsType
+from volatool_cli.params import (
+    BoundsType,
+    FloatRange,
+    LengthType,
+    SizeType,
+    WordsType,
+    complete_files,
+)
 
 
 @click.command(short_help="Follow scans and keep the surface up to date.")
-@click.argument("inputs", metavar="[SCAN...]", nargs=-1)
+@click.argument("inputs", metavar="[SCAN...]", nargs=-1, shell_complete=complete_files)
 @click.option(
     "--format",
     "form",

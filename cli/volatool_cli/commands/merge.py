@@ -7,11 +7,13 @@ from typing import Any
 import click
 
 from volatool_cli import options
-from volatool_cli.params import DepthType
+from volatool_cli.params import DepthType, complete_files
 
 
 @click.command(short_help="Unite or subtract volumes on one grid.")
-@click.argument("volumes", metavar="VOLUME...", nargs=-1, required=True)
+@click.argument(
+    "volumes", metavar="VOLUME...", nargs=-1, required=True, shell_complete=complete_files
+)
 @click.option(
     "-o",
     "--output",

@@ -8,7 +8,7 @@ import click
 
 from volatool.errors import OptionError
 from volatool_cli import queries
-from volatool_cli.params import FloatRange, LengthType, NumbersType
+from volatool_cli.params import FloatRange, LengthType, NumbersType, complete_files
 from volatool_cli.queries import Asked
 
 if TYPE_CHECKING:
@@ -220,6 +220,7 @@ def neighbours(
 @click.option(
     "--polygon",
     metavar="FILE|WKT",
+    shell_complete=complete_files,
     help="In place of boxes: each polygon of a vector file, of a file with one WKT a line, or WKT.",
 )
 @click.option("--all", "whole", is_flag=True, help="In place of boxes: the whole volume.")

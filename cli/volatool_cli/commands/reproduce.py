@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from volatool_cli import options
-from volatool_cli.params import FloatRange
+from volatool_cli.params import FloatRange, complete_files
 
 _files = options.group(
     click.option(
@@ -81,7 +81,7 @@ def emap(**arguments: Any) -> None:
 
 
 @reproduce.command(short_help="The VOLA paper's tables, printed, recomputed and measured.")
-@click.argument("tiles", metavar="[TILE]...", nargs=-1)
+@click.argument("tiles", metavar="[TILE]...", nargs=-1, shell_complete=complete_files)
 @options.nul_names
 @click.option(
     "--points",

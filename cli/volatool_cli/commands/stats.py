@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from volatool_cli import options
+from volatool_cli.params import ConditionType
 
 
 @click.command(short_help="Print occupancy and size tables of tiles or volumes.")
@@ -21,6 +22,14 @@ from volatool_cli import options
     help="What to print.",
 )
 @click.option("--summary", is_flag=True, help="One table summed over all inputs.")
+@click.option(
+    "--fail-if",
+    "gates",
+    type=ConditionType(),
+    multiple=True,
+    help="Exit with status 6 if this is true of a tile (of the sum, with --summary): 'depth < 5', "
+    "'crs == none', 'warnings has W_NO_CRS'; may be repeated.",
+)
 @options.selection
 @options.reading
 @options.crs
@@ -37,13 +46,15 @@ def stats(**arguments: Any) -> None:
     """Print the occupancy of each level, the sizes, and the depth that follows.
 
     INPUT is LAS, LAZ, COPC or a VOLA file. Nothing is written. The first columns are those of the
-    VOLA paper's tables; * marks the chosen level.
+    VOLA paper's tables; * marks the chosen level. The names that --fail-if knows are those of the
+    report; a wrong one lists them.
 
     \b
     Examples:
       volatool stats tile.laz
       volatool stats tile.vol.gz --format json
       volatool stats tiles/ --summary --format md
+      volatool stats tile.laz --fail-if 'depth < 3' --fail-if 'classes lacks 2'
     """
     from volatool_cli.run import run_tiles
 
