@@ -13,6 +13,7 @@ from running_docs import TOP, blocks, put_command, shell
 PAGES = [
     "docs/tutorial.md",
     "docs/how-to/many-tiles.md",
+    "docs/how-to/data-sets.md",
     "docs/how-to/dem.md",
     "docs/how-to/uncertainty.md",
     "docs/how-to/check-accuracy.md",
@@ -24,6 +25,7 @@ PAGES = [
     "docs/how-to/import.md",
     "docs/how-to/query.md",
     "docs/how-to/space.md",
+    "docs/reference/manifest.md",
 ]
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from making_tiles import hills, write_las
 
 import volatool as vt
-from volatool.summary import summarize
+from volatool.summary import Summary, read_reports, summarize
 from volatool.tables import FORMATS, render
 
 SAMPLES = Path(__file__).resolve().parents[1] / "data_samples"
@@ -73,6 +75,65 @@ def test_what_differs_between_tiles_is_null(reports):
     assert all(row["cell"] is None for row in total.levels)
     for form in FORMATS:
         assert render([total], form)
+
+
+def test_a_nearly_empty_tile_does_not_end_the_table_of_a_set(tmp_path):
+    """Tiles list all levels for a sum: a corner with five points is in it and decides nothing."""
+    paths = [write_las(tmp_path / f"{n}.las", hills(20_000, n), crs=25832) for n in range(2)]
+    few = write_las(tmp_path / "few.las", hills(5, 9), crs=25832)
+    whole = vt.stats(paths, all_levels=True).summary()
+    with_few = vt.stats([*paths, few], all_levels=True).summary()
+    assert len(with_few.levels) == len(whole.levels) > 2
+    assert with_few.depth == whole.depth
+    assert len(whole.levels) == len(vt.stats(paths[0])[0].levels)  # no deeper than of use
+    short = vt.stats([*paths, few]).summary()
+    assert len(short.levels) == 2
+    assert [w.code for w in short.warnings if w.code.startswith("W_SUM")] == ["W_SUMMARY_LEVELS"]
+
+
+def test_reports_read_again_give_the_same_sum(reports, tmp_path):
+    lines = tmp_path / "set.jsonl"
+    lines.write_text("\n".join(report.to_json() for report in reports) + "\n", encoding="utf-8")
+    array = tmp_path / "set.json"
+    array.write_text(render(list(reports), "json"), encoding="utf-8")
+    wanted = reports.summary().to_json()
+    assert summarize(read_reports(lines)).to_json() == wanted
+    assert summarize(read_reports(array)).to_json() == wanted
+
+
+def test_files_that_are_no_reports_are_named(tmp_path):
+    for text, name in (("{", "a.json"), ("[1]", "b.json"), ('{"schema": "x"}\n', "c.jsonl")):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(vt.VolatoolError, match=name) as error:
+            list(read_reports(path))
+        assert error.value.code == "E_NOT_REPORT"
+    with pytest.raises(vt.VolatoolError, match="no such file"):
+        list(read_reports(tmp_path / "none.json"))
+
+
+def test_no_report_is_kept(reports):
+    """Memory of a sum over 3,000 tiles: the names, and less than 0.5 MB beside."""
+    summary = Summary()
+    tracemalloc.start()
+    try:
+        for number in range(3_000):
+            source = {**reports[0].input, "name": f"{number:020}"}
+            summary.add(replace(reports[0], input=source))
+        used = tracemalloc.get_traced_memory()[0]
+    finally:
+        tracemalloc.stop()
+    assert summary.report().levels[0]["blocks"] == 3_000
+    assert used < 3_000 * 100 + 500_000
+
+
+def test_cubes_of_very_different_sides_are_told(tmp_path):
+    big = write_las(tmp_path / "big.las", hills(4000, 1), crs=25832)
+    small = write_las(tmp_path / "small.las", hills(4000, 2, extent=1500), crs=25832)
+    total = vt.stats([big, small], depth=3).summary()
+    (warning,) = total.warnings
+    assert warning.code == "W_CUBE_SIDES"
+    assert "retile" in warning.message
 
 
 def test_nothing_can_not_be_summed(tmp_path):

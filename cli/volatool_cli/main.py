@@ -27,7 +27,9 @@ from volatool_cli.commands.info import info
 from volatool_cli.commands.merge import merge
 from volatool_cli.commands.query import query
 from volatool_cli.commands.query_space import SPACE_KINDS
+from volatool_cli.commands.recommend import recommend
 from volatool_cli.commands.reproduce import reproduce
+from volatool_cli.commands.retile import retile
 from volatool_cli.commands.stats import stats
 from volatool_cli.commands.validate import validate
 from volatool_cli.exit_codes import ExitCode, code_for
@@ -118,6 +120,8 @@ for command in (
     diff,
     merge,
     index,
+    recommend,
+    retile,
     validate,
     reproduce,
     doctor,
@@ -130,6 +134,8 @@ for command in SPACE_KINDS:
 def main() -> NoReturn:
     """Run the command line and exit; the entry point."""
     logging.captureWarnings(True)  # of NumPy and others: no line of ours, and none that helps
+    # rasterio loads boto3 (0.15 s) where it is installed; no raster of ours is read from S3 by GDAL
+    sys.modules.setdefault("boto3", None)  # type: ignore[arg-type]
     if sys.stdout is None:  # it was closed from the start: what is printed goes nowhere
         sys.stdout = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115  for good
     try:

@@ -331,6 +331,16 @@ dem = group(
     ),
 )
 
+mosaic = group(
+    click.option(
+        "--mosaic",
+        metavar="NAME",
+        help="Seamless: each tile with its neighbours, on one grid, with one stiffness; "
+        "NAME.dem.vrt over all.",
+    ),
+    click.option("--cog", is_flag=True, help="Write the mosaic as one file, too: NAME.dem.tif."),
+)
+
 overwrite = click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 
 output = group(

@@ -15,6 +15,7 @@ from volatool.batch.plan import expand
 from volatool.errors import OptionError, VolatoolError
 from volatool.naming import IMPORT_SUFFIXES, POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
+from volatool.remote.path import path_of
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
 from volatool_cli.output import configure_logging, say_warnings
@@ -36,6 +37,30 @@ _STATUS_OF = {
 }
 """What the status says when every input failed for such a reason."""
 
+RUN_ONLY = frozenset(
+    [
+        "quiet",
+        "verbose",
+        "log",
+        "progress",
+        "as_json",
+        "form",
+        "summary",
+        "summary_to",
+        "gates",
+        "fail_fast",
+        "overwrite",
+        "dry_run",
+        "outdir",
+        "jobs",
+        "manifest",
+        "resume",
+        "verify",
+        "scheduler",
+    ]
+)
+"""Options of commands that are about the run, not of `ConvertOptions`."""
+
 
 def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     """
@@ -53,12 +78,13 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     show_progress = arguments.pop("progress")
     as_json = arguments.pop("as_json", False)
     form, summary = arguments.pop("form", None), arguments.pop("summary", False)
+    summary_to = arguments.pop("summary_to", None)
     gates = arguments.pop("gates", ())
     fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
         raise OptionError("--outdir is an empty name; is a shell variable unset?")
-    folder = None if outdir is None else Path(outdir)
+    folder = None if outdir is None else path_of(outdir)
 
     jobs, scheduler = arguments.pop("jobs"), arguments.pop("scheduler")
     record = arguments.pop("manifest", None)
@@ -72,10 +98,18 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
     paths = expand(names, stdin_names(nul) if "-" in names else (), suffixes)
     options = convert_options(arguments)
+    saved: list[Path] = []
+    table = None
+    if kind == "stats":
+        from volatool_cli.stats_output import StatsOutput, reports_in, split_reports
+
+        saved, paths = split_reports(paths)
+        table = StatsOutput(form, summary, summary_to)
+        options = replace(options, all_levels=summary)
 
     from volatool import resources
     from volatool.batch.manifest import Manifest
-    from volatool.batch.run import run_inputs
+    from volatool.batch.run import in_order, run_inputs
     from volatool.conditions import failures
 
     resources.return_freed_memory()
@@ -85,7 +119,6 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         _dry_run(paths, options, kind, folder, overwrite or resume)
         return
     executor, options = _executor(jobs, scheduler, options, len(paths))
-    reports: dict[int, Report] = {}
     codes, n_inputs = [], 0
     watcher = watcher_of(show_progress, quiet)
     with contextlib.ExitStack() as stack:
@@ -104,34 +137,44 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         )
         stack.enter_context(contextlib.closing(results))
         try:
-            for result in results:
+            if table is not None:
+                for report in reports_in(saved):
+                    n_inputs += 1
+                    codes += _told(report, quiet)
+                    table.add(report, n_inputs)
+            for result in in_order(results) if kind == "stats" else results:
                 report = result.report
                 n_inputs += 1
                 with watcher.aside():
-                    if report.error is not None:
-                        codes.append(report.error["code"])
-                        click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
-                    elif report.input is not None:
-                        say_warnings(report.input["name"], report.warnings, quiet)
-                    if kind != "stats":
+                    codes += _told(report, quiet)
+                    if table is None:
                         _print_result(report, as_json)
-                if kind == "stats":
-                    reports[result.index] = report
+                    else:
+                        table.add(report, n_inputs)
         except VolatoolError as error:  # not a tile's: there is nobody left to work
             if n_inputs == len(codes):
                 raise
             click.echo(f"{error.code}: {error}", err=True)
             sys.exit(ExitCode.SOME_FAILED)
     failed: list[str] = []
-    if kind == "stats":
-        shown = _print_stats([reports[index] for index in sorted(reports)], form, summary)
-        failed = failures(shown, gates)
+    if table is not None:
+        failed = failures(table.print(), gates)
         for line in failed:
             click.echo(line, err=True)
     if codes:
         sys.exit(_status(codes, n_inputs + watcher.n_skipped))
     if failed:
         sys.exit(ExitCode.CHECK_FAILED)
+
+
+def _told(report: Report, quiet: bool) -> list[str]:
+    """Say what was wrong with an input; return the code of its error, if any."""
+    if report.error is not None:
+        click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
+        return [report.error["code"]]
+    if report.input is not None:
+        say_warnings(report.input["name"], report.warnings, quiet)
+    return []
 
 
 def _executor(
@@ -221,20 +264,6 @@ def _print_result(report: Report, as_json: bool) -> None:
     else:
         for path in report.paths:
             click.echo(str(path))
-
-
-def _print_stats(reports: Sequence[Report], form: str, summary: bool) -> list[Report]:
-    """Print the tables; return the reports that they tell of, without failed inputs."""
-    from volatool.summary import summarize
-    from volatool.tables import render
-
-    good = [report for report in reports if report.error is None]
-    if summary and any(report.levels for report in good):
-        good = [summarize(good)]
-        click.echo(render(good, form))
-    elif form in ("json", "jsonl") or good:
-        click.echo(render(reports if form in ("json", "jsonl") else good, form))
-    return good
 
 
 def _dry_run(

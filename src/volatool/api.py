@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 from volatool.errors import OptionError
 from volatool.model import Progress, no_progress
 from volatool.options import ConvertOptions
+from volatool.remote.path import path_of
 from volatool.report import Report
 from volatool.tile import convert_tile
 
@@ -49,9 +49,11 @@ def convert(
     VolatoolError
         Nothing is left behind then.
     """
-    folder = None if outdir is None else Path(outdir)
+    folder = None if outdir is None else path_of(outdir)
     checked = _options(options)
-    return convert_tile(Path(path), checked, outdir=folder, overwrite=overwrite, progress=progress)
+    return convert_tile(
+        path_of(path), checked, outdir=folder, overwrite=overwrite, progress=progress
+    )
 
 
 def import_points(
@@ -93,10 +95,10 @@ def import_points(
     VolatoolError
         Nothing is left behind then.
     """
-    folder = None if outdir is None else Path(outdir)
+    folder = None if outdir is None else path_of(outdir)
     checked = _options({**options, "dem": dem})
     return convert_tile(
-        Path(path), checked, kind="import", outdir=folder, overwrite=overwrite, progress=progress
+        path_of(path), checked, kind="import", outdir=folder, overwrite=overwrite, progress=progress
     )
 
 
@@ -137,9 +139,11 @@ def classify(
     """
     from volatool.classification import classify_tile
 
-    folder = None if outdir is None else Path(outdir)
+    folder = None if outdir is None else path_of(outdir)
     checked = _options(options)
-    return classify_tile(Path(path), checked, outdir=folder, overwrite=overwrite, progress=progress)
+    return classify_tile(
+        path_of(path), checked, outdir=folder, overwrite=overwrite, progress=progress
+    )
 
 
 def stats(
@@ -169,7 +173,7 @@ def stats(
         paths = [paths]
     checked = _options(options)
     return Statistics(
-        [convert_tile(Path(path), checked, kind="stats", progress=progress) for path in paths]
+        [convert_tile(path_of(path), checked, kind="stats", progress=progress) for path in paths]
     )
 
 

@@ -49,11 +49,14 @@ class Census:
         but fall into the outermost bins of heights and area.
     area_cell : tuple of 2 int
         Edges of the cells of covered area, in stored units of x and y; see `area_cell_for`.
+    n_unread : int
+        Points of the tile that are left out unread; they are taken to fill `box`.
     """
 
-    def __init__(self, box: StoredBox, area_cell: tuple[int, int]) -> None:
+    def __init__(self, box: StoredBox, area_cell: tuple[int, int], n_unread: int = 0) -> None:
         self.n_read = 0
-        self.dropped: dict[str, int] = {}
+        self.n_unread = n_unread
+        self.dropped: dict[str, int] = {"unread": n_unread}
         self._classes = np.zeros(256, np.int64)
         self._returns = np.zeros(256, np.int64)
         self._expected = box
@@ -115,7 +118,11 @@ class Census:
 
     @property
     def box(self) -> StoredBox | None:
-        """Box of all points read."""
+        """Box of all points read; of those unread it is the expected one."""
+        if self.n_unread:
+            low, high = np.reshape(self._expected, (2, 3))
+            found = self._extremes[0].reshape(2, 3)
+            return _box(np.concatenate([np.minimum(low, found[0]), np.maximum(high, found[1])]))
         return _box(self._extremes[0]) if self.n_read else None
 
     @property
@@ -198,7 +205,7 @@ class Census:
             "classes": self.classes,
             "returns": self.returns,
             "density": {
-                "all_per_area_bbox": self.n_read / area if area else None,
+                "all_per_area_bbox": (self.n_read + self.n_unread) / area if area else None,
                 "all_per_area_occupied": self.n_used / covered if covered else None,
                 "first_per_area_occupied": self.n_first / covered if covered else None,
                 "occupied_cell": self._area_cell[0] * scale[0],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from volatool.model import Bool, PointChunk, Progress, no_progress
 from volatool.naming import stem
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
+from volatool.remote.path import is_url
 from volatool.report import Report
 from volatool.scan import Scan, TileScanner
 from volatool.scratch import Scratch, Spool
@@ -75,9 +77,15 @@ def classify_tile(
     started = time.perf_counter()
     resources.return_freed_memory()
     refuse_inputs([path], options, outdir)
-    refuse_existing(planned_outputs(path, options, "classify", outdir), overwrite)
+    planned = planned_outputs(path, options, "classify", outdir)
+    refuse_existing(planned, overwrite)
+    if is_url(planned[0]):
+        from volatool.remote.uploads import uploaded
+
+        work = partial(classify_tile, path, options, progress=progress)
+        return uploaded(work, planned, overwrite)
     with (
-        open_source(path, options, allow_degrees=True) as source,
+        open_source(path, options, allow_degrees=True, kind="classify") as source,
         OutputSet(overwrite) as outputs,
         Scratch(resources.working_budget(options.memory)) as scratch,
     ):
@@ -166,7 +174,7 @@ class _Tile:
         )
         scan = scanner.visit(take)
         resources.drop_library_code()
-        points = gatherer.result()
+        points = gatherer.result(threads=resources.n_threads())
         if len(points):
             self._fit(points, source)
         points.close()

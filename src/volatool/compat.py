@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -77,7 +78,7 @@ def make_toolkit_volume(
         levels=tuple(
             row.to_dict() for row in level_rows(counts, volume.cube.exact[3], source.n_points)
         ),
-        encodings=tuple(rows),
+        encodings=partial(tuple, rows),
         volume=volume,
         warnings=tuple(warnings),
     )

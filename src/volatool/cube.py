@@ -170,6 +170,7 @@ class Quantizer:
     ``num * S // length``. Where these integers don't fit 64 bits (odd scales, feet against
     metres), the first stored integer of each cell is tabulated exactly instead, once.
     A cube of side 0 holds the points that are exactly at its corner and no others.
+    `plan` is what the kernels take of it: see `volatool.kernels.quantize.path_keys`.
     """
 
     cube: Cube
@@ -177,7 +178,7 @@ class Quantizer:
     offset: tuple[float, float, float]
     depth: int
     z_ratio: Fraction = Fraction(1)
-    _plan: tuple[bool, I64, F64] = field(init=False, repr=False, compare=False)
+    plan: tuple[bool, I64, F64] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not 1 <= self.depth <= MAX_DEPTH:
@@ -198,7 +199,7 @@ class Quantizer:
         else:
             table = np.stack([_first_stored(*axis, cells) for axis in axes])
             lines = np.array([_line(*axis, cells) for axis in axes])
-        object.__setattr__(self, "_plan", (is_affine, table, lines))
+        object.__setattr__(self, "plan", (is_affine, table, lines))
 
     def _affine(self, axis: int) -> tuple[int, int, int]:
         """Return (factor, shift, length) of an axis: num / length is the place in the cube."""
@@ -228,12 +229,8 @@ class Quantizer:
         """
         from volatool.kernels import quantize
 
-        is_affine, table, lines = self._plan
-        keys: U64
-        if is_affine:
-            keys = quantize.affine_keys(x, y, z, table, self.depth)
-        else:
-            keys = quantize.tabulated_keys(x, y, z, table, lines, self.depth)
+        keys = np.empty(len(x), np.uint64)
+        quantize.path_keys(x, y, z, *self.plan, self.depth, keys)
         return keys
 
 

@@ -83,7 +83,8 @@ def make_elevation(
 
     shared = shared_parameters(options, source.crs)
     seam = seam_of(surface, source, options, scratch)
-    points = surface.result(source.crs) if seam is None else seam.points
+    threads = resources.n_threads()
+    points = surface.result(source.crs, threads=threads) if seam is None else seam.points
     if points.extent is None:
         header, extent = source.header, (box[0], box[1], box[3], box[4])
         points = replace(points, extent=extent, scale=header.scale, offset=header.offset)
@@ -276,6 +277,7 @@ def dem_of(
         barriers=barriers,
         robust=options.robust,
         with_noise="sigma" in options.layers or options.holdout is not None,
+        threads=resources.n_threads(),
     )
     logger.info(
         "%s: %s of %d x %d cells of %g, %s iterations",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from volatool.beside import IsStopped, StoppedError
 from volatool.formats import dense, gz, sparse
 from volatool.formats.header import HEADER_BYTES
 from volatool.outputs import write_error
@@ -75,7 +76,28 @@ def encodings_of(volume: Volume) -> Iterator[Encoding]:
                 yield Encoding(kind, bits, codec)
 
 
-def write_volume(stream: BinaryIO, volume: Volume, encoding: Encoding) -> None:
+class _Stoppable(io.RawIOBase):
+    """A stream into another that ends with `StoppedError` when it is no longer wanted."""
+
+    def __init__(self, stream: BinaryIO, is_stopped: IsStopped) -> None:
+        self._stream = stream
+        self._is_stopped = is_stopped
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: Any) -> int:
+        if self._is_stopped():
+            raise StoppedError
+        return self._stream.write(data)
+
+
+def write_volume(
+    stream: BinaryIO,
+    volume: Volume,
+    encoding: Encoding,
+    is_stopped: IsStopped | None = None,
+) -> None:
     """
     Write a volume.
 
@@ -87,7 +109,11 @@ def write_volume(stream: BinaryIO, volume: Volume, encoding: Encoding) -> None:
         What is written.
     encoding : Encoding
         How; with 1 bit per voxel the metadata is left out.
+    is_stopped : callable, optional
+        Asked before each piece; `StoppedError` when it says so.
     """
+    if is_stopped is not None:
+        stream = _Stoppable(stream, is_stopped)  # type: ignore[assignment]
     if encoding.bits_per_voxel == 1 and volume.has_metadata:
         info = replace(volume.info, channels=())
         volume = Volume(volume.levels, None, volume.cube, info)
@@ -99,10 +125,10 @@ def write_volume(stream: BinaryIO, volume: Volume, encoding: Encoding) -> None:
         write(stream, volume)
 
 
-def written_bytes(volume: Volume, encoding: Encoding) -> int:
+def written_bytes(volume: Volume, encoding: Encoding, is_stopped: IsStopped | None = None) -> int:
     """Return the size of the file that `write_volume` would write, by writing it to nowhere."""
     counter = _Counter()
-    write_volume(counter, volume, encoding)  # type: ignore[arg-type]
+    write_volume(counter, volume, encoding, is_stopped)  # type: ignore[arg-type]
     return counter.size
 
 
@@ -113,6 +139,7 @@ def encoding_row(
     name: str | None,
     las_bytes: int | None,
     input_bytes: int | None,
+    is_stopped: IsStopped | None = None,
 ) -> dict[str, Any]:
     """
     Return the report's object for one encoding.
@@ -127,13 +154,15 @@ def encoding_row(
         The file if it was written, under its temporary name, and the name it will have.
     las_bytes, input_bytes : int or None
         Sizes to compare with.
+    is_stopped : callable, optional
+        As for `write_volume`.
     """
     payload = encoding.payload_bytes(volume)
     size: int | None = None
     if path is not None:
         size = path.stat().st_size
     elif payload <= DENSE_LIMIT_BYTES or encoding.kind == "sparse":
-        size = written_bytes(volume, encoding)
+        size = written_bytes(volume, encoding, is_stopped)
     return {
         "kind": encoding.kind,
         "bits_per_voxel": encoding.bits_per_voxel,
@@ -187,6 +216,20 @@ def added_rows(
             }
         )
     return added
+
+
+def resized(
+    rows: Iterable[dict[str, Any]], las_bytes: int | None, input_bytes: int | None
+) -> tuple[dict[str, Any], ...]:
+    """Return rows with the sizes that they are compared with replaced."""
+    return tuple(
+        {
+            **row,
+            "percent_of_las": _percent(row["file_bytes"], las_bytes),
+            "percent_of_input": _percent(row["file_bytes"], input_bytes),
+        }
+        for row in rows
+    )
 
 
 def _identity(row: dict[str, Any]) -> tuple[str, int, str]:

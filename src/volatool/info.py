@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from volatool.errors import FormatError, InputNotFoundError
+from volatool.errors import FormatError, InputError, InputNotFoundError
+from volatool.remote.path import is_url
 from volatool.units import format_size
 
 
@@ -30,29 +32,38 @@ def describe(path: Path) -> dict[str, Any]:
         The file is not there, or none of these.
     """
     try:
-        if path.exists() and not path.is_file():
+        if not is_url(path) and path.exists() and not path.is_file():
             raise FormatError(f"{path}: is not a regular file", "E_INPUT")
         with path.open("rb") as stream:
             head = stream.read(8)
+            facts: dict[str, Any] = {"name": path.name, "bytes": stream.seek(0, os.SEEK_END)}
+            stream.seek(0)
+            # a remote file is opened once: what was fetched of it serves again
+            return {**facts, **_told(path, head, stream if is_url(path) else path)}
+    except InputError:
+        raise
     except FileNotFoundError as error:
         raise InputNotFoundError(f"{path}: no such file") from error
     except OSError as error:
         raise FormatError(f"{path}: can't be read ({error.strerror})", "E_INPUT") from error
-    facts: dict[str, Any] = {"name": path.name, "bytes": path.stat().st_size}
+
+
+def _told(path: Path, head: bytes, source: Path | BinaryIO) -> dict[str, Any]:
+    """Return the kind, told by the first bytes, and what the kind has."""
     if head.startswith(b"LASF"):
-        return {**facts, "kind": "points", **_points(path)}
+        return {"kind": "points", **_points(source)}
     if head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
-        return {**facts, "kind": "dem", **_dem(path)}
+        return {"kind": "dem", **_dem(path)}
     if path.suffix.lower() == ".vola" or head.lstrip()[:1] == b"{":
-        return {**facts, "kind": "index", **_index(path)}
-    return {**facts, "kind": "volume", **_volume(path)}
+        return {"kind": "index", **_index(path)}
+    return {"kind": "volume", **_volume(source)}
 
 
-def _points(path: Path) -> dict[str, Any]:
+def _points(source: Path | BinaryIO) -> dict[str, Any]:
     from volatool.points.reader import open_points
 
-    with open_points(path, salvage=True) as source:
-        header = source.header
+    with open_points(source, salvage=True) as points:
+        header = points.header
         return {
             "las_version": header.version,
             "point_format": header.point_format,
@@ -65,15 +76,15 @@ def _points(path: Path) -> dict[str, Any]:
             "offset": list(header.offset),
             "bbox": list(header.box),
             "attributes": sorted(header.dimensions),
-            "crs": source.crs.to_dict(),
-            "warnings": [warning.to_dict() for warning in source.warnings],
+            "crs": points.crs.to_dict(),
+            "warnings": [warning.to_dict() for warning in points.warnings],
         }
 
 
-def _volume(path: Path) -> dict[str, Any]:
+def _volume(source: Path | BinaryIO) -> dict[str, Any]:
     from volatool.formats.registry import read_info
 
-    found = read_info(path)
+    found = read_info(source)
     header, info = found.header, found.info
     return {
         "mode": "dense" if header.mode else "sparse",

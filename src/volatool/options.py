@@ -45,7 +45,7 @@ _NOT_OF_THE_TOOLKIT = (
 _FLAGS = {"classes": "class", "exclude_classes": "exclude-class"}
 
 # these change how a result is made, not what it is: the report must not depend on them
-_RUN_ONLY = ("chunk_points", "memory", "resources", "strict")
+_RUN_ONLY = ("chunk_points", "memory", "resources", "strict", "all_levels")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -144,6 +144,8 @@ class ConvertOptions:
         Ceiling in bytes for the whole process.
     resources : bool
         Put time and memory into the report.
+    all_levels : bool
+        List every level down to `max_depth` in the report, so that sums over tiles are exact.
 
     Raises
     ------
@@ -207,6 +209,7 @@ class ConvertOptions:
     preview: bool = False
     memory: int = DEFAULT_MEMORY_BYTES
     resources: bool = True
+    all_levels: bool = False
 
     def __post_init__(self) -> None:
         for name in _LENGTHS:  # Python callers may write "1m"

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 
 from volatool.errors import OptionError, OutputError, OutputExistsError
+from volatool.remote.path import RemotePath
 
 _TEMPORARY = re.compile(
     r"\.(?P<name>.+)\.volatool-(?P<host>[A-Za-z0-9_]*)-(?P<pid>[0-9]+)\.tmp(\..+)?"
@@ -139,7 +140,14 @@ def refuse_existing(targets: list[Path], overwrite: bool) -> None:
     OutputExistsError
         Naming the first that exists.
     """
+    remote = [target for target in targets if isinstance(target, RemotePath)]
+    if remote:
+        from volatool.remote.uploads import refuse_remote
+
+        refuse_remote(remote, overwrite)
     for target in targets:
+        if isinstance(target, RemotePath):
+            continue
         try:
             is_folder, is_file = target.is_dir(), target.is_file()
             is_there = target.exists() or target.is_symlink()
@@ -158,15 +166,15 @@ def refuse_existing(targets: list[Path], overwrite: bool) -> None:
 def sweep(folder: Path) -> None:
     """Remove temporary files of this machine's runs that are no longer alive."""
     try:
-        entries = list(folder.iterdir())
+        with os.scandir(folder) as entries:  # there may be a million outputs in it
+            matches = [match for entry in entries if (match := _TEMPORARY.fullmatch(entry.name))]
     except OSError as error:
         raise write_error(folder, error) from error
-    for entry in entries:
-        match = _TEMPORARY.fullmatch(entry.name)
+    for match in matches:
         # the folder may be shared: of another machine's processes we know nothing
-        if match and match["host"] == _HOST[:24] and not _is_alive(int(match["pid"])):
+        if match["host"] == _HOST[:24] and not is_alive(int(match["pid"])):
             with contextlib.suppress(OSError):
-                entry.unlink()
+                (folder / match.string).unlink()
 
 
 def write_error(path: object, error: OSError) -> OutputError:
@@ -183,7 +191,8 @@ def write_error(path: object, error: OSError) -> OutputError:
     return OutputError(f"{path}: can't be written ({error.strerror or error}); {what_to_do}")
 
 
-def _is_alive(pid: int) -> bool:
+def is_alive(pid: int) -> bool:
+    """Whether a process of this number runs."""
     if pid == os.getpid():
         return True
     try:

@@ -59,6 +59,12 @@ def n_cores() -> int:
         return os.cpu_count() or 1
 
 
+def n_threads() -> int:
+    """Return how many threads this process may start: its cores, or its share of a pool's."""
+    share = os.environ.get("RAYON_NUM_THREADS", "")  # what the LAZ decoder goes by
+    return min(n_cores(), int(share)) if share.isdecimal() and int(share) else n_cores()
+
+
 def working_budget(ceiling_bytes: int) -> int:
     """
     Return how much of a memory ceiling is left for working arrays.
@@ -97,10 +103,11 @@ def _load_libraries() -> None:
         quantize,
         reduce,
         spring,
+        surface,
         words,
     )
 
-    del binning, contiguity, ground, levels, multigrid, reduce, spring, words
+    del binning, contiguity, ground, levels, multigrid, reduce, spring, surface, words
     quantize.key_cells(np.zeros(1, np.uint64), 1)  # the first kernel brings in the compiler
 
 

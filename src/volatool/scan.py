@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from volatool.ahead import ahead
 from volatool.census import (
     Census,
     HeightLimits,
@@ -21,17 +21,17 @@ from volatool.census import (
 )
 from volatool.cube import Cube
 from volatool.errors import CodedWarning, InputError, OptionError, ResourceError
-from volatool.model import I64, Bool, PointChunk, Progress, as_fraction
+from volatool.model import Bool, PointChunk, Progress
 from volatool.options import ConvertOptions
 from volatool.points.select import Selection
 from volatool.reference import reference
+from volatool.snapped import CubeIndex, by_cube, snapped_cube
 
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfaceGatherer
     from volatool.points.source import Source
     from volatool.vola.builder import VolaBuilder
 
-CubeIndex = tuple[int, int, int]
 BuilderMaker = Callable[[Cube], "VolaBuilder"]
 
 MAX_CUBES = 2048
@@ -83,7 +83,7 @@ class TileScanner:
     surface : SurfaceGatherer or None
         Takes the points of the elevation model.
     progress : callable
-        Called with (points done, points of the file).
+        Called with (points done, points of the file), in the thread that reads.
     with_volume : bool
         Build volumes; without them the box does not matter.
     """
@@ -119,8 +119,9 @@ class TileScanner:
             | channel_attributes
             | (_CENSUS_ATTRIBUTES & header.dimensions)
         )
-        # a chunk, its decoded records and its sorted keys must fit beside everything else
-        room = max(1000, (options.memory // 8) // (header.record_bytes + 100))
+        # four chunks (in the making, waiting, in use), decoded records and keys must fit beside
+        # everything else
+        room = max(1000, (options.memory // 8) // (header.record_bytes + 200))
         self.chunk_points = min(options.chunk_points, room)
         self.limits: HeightLimits | None = None
         self.n_passes = 0
@@ -136,6 +137,9 @@ class TileScanner:
         expected = self._expected_box()
         census, builders = self._pass(expected, self.surface)
         box = census.box_used if self.options.robust_z else census.box
+        if box != expected and self.source.n_unread and not self.options.robust_z:
+            self.source.read_all()  # the header's box is wrong: those unread may lie anywhere
+            box = self._survey(expected).box
         if box is not None and box != expected:
             if self.with_volume and (builders is None or self._cube(box) != self._cube(expected)):
                 for builder in (builders or {}).values():
@@ -158,9 +162,9 @@ class TileScanner:
         """
         expected = self._expected_box()
         census = self._census(expected)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
-            take(chunk, mask)
+        with ahead(self._counted(census)) as chunks:
+            for chunk, mask in chunks:
+                take(chunk, mask)
         if census.box is not None and census.box != expected and self.limits is None:
             census = self._survey(census.box)
         return Scan(census, {}, census.box, self.n_passes, self._box_warnings(census.box))
@@ -189,26 +193,37 @@ class TileScanner:
     def _survey(self, box: StoredBox) -> Census:
         """Read the tile for its census only."""
         census = self._census(box)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
+        with ahead(self._counted(census)) as chunks:
+            for _ in chunks:
+                pass
         return census
 
     def _census(self, box: StoredBox) -> Census:
         scale = self.source.header.scale
         unit = self.source.crs.metres_per_unit_xy
-        return Census(box, area_cell_for(box, scale, unit))
+        return Census(box, area_cell_for(box, scale, unit), self.source.n_unread)
 
-    def _chunks(self, census: Census) -> Iterator[tuple[PointChunk, Bool | None]]:
-        """Yield the chunks of one pass with the mask of the points to use."""
+    def _counted(self, census: Census) -> Generator[tuple[PointChunk, Bool | None]]:
+        """Yield the chunks of one pass, added to the census, with the mask of the points to use."""
         self.n_passes += 1
         done = 0
         for chunk in self.source.chunks(self.attributes, self.chunk_points):
             mask = self.selection.mask(chunk, census.dropped)
             if self.limits is not None:
                 mask = self._within_limits(chunk, mask, census.dropped)
+            census.add(chunk, mask)
             yield chunk, mask
             done += len(chunk)
+            # here and not by who asks for the chunks: stderr is shut while LAZ is decoded
             self.progress(done, self.source.n_points)
+
+    def _used(self, census: Census, surface: SurfaceGatherer | None) -> Generator[PointChunk]:
+        """Yield what is used of the chunks of one pass, given to the surface already."""
+        for chunk, mask in self._counted(census):
+            used = chunk if mask is None else chunk.take(mask)
+            if surface is not None:
+                surface.add(used)
+            yield used
 
     def _within_limits(self, chunk: PointChunk, mask: Bool | None, dropped: dict[str, int]) -> Bool:
         assert self.limits is not None
@@ -225,15 +240,13 @@ class TileScanner:
         census = self._census(box)
         builders: dict[CubeIndex, VolaBuilder] | None = {} if self.with_volume else None
         cube = self._cube(box)
-        for chunk, mask in self._chunks(census):
-            census.add(chunk, mask)
-            used = chunk if mask is None else chunk.take(mask)
-            if surface is not None:
-                surface.add(used)
-            if builders is not None and len(used) and not self._build(used, builders, cube):
-                for builder in builders.values():
-                    builder.close()
-                builders = None
+        # all but the builders' work is done in the reader's thread: see `ahead`
+        with ahead(self._used(census, surface)) as chunks:
+            for used in chunks:
+                if builders is not None and len(used) and not self._build(used, builders, cube):
+                    for builder in builders.values():
+                        builder.close()
+                    builders = None
         return census, builders
 
     def _build(
@@ -281,34 +294,14 @@ class TileScanner:
         return self.options.split.in_units(self.source.crs.metres_per_unit_xy)
 
     def _split_cube(self, index: CubeIndex) -> Cube:
-        side = self.split_side
-        return Cube.from_exact([number * side for number in index], side, is_snapped=True)
+        return snapped_cube(index, self.split_side)
 
     def _split(self, chunk: PointChunk) -> Iterator[tuple[CubeIndex, PointChunk]]:
-        """Yield the points of a chunk by snapped cube; half-open, so each point is in one."""
-        columns = [self._cube_numbers(chunk, axis) for axis in range(3)]
-        order = np.lexsort(columns)  # stable: the points of a cube stay in file order
-        chunk = chunk.take(order)
-        numbers = np.column_stack(columns)[order]
-        starts = np.flatnonzero(np.any(np.diff(numbers, axis=0, prepend=numbers[:1] - 1), axis=1))
-        for start, stop in zip(starts, [*starts[1:], len(chunk)], strict=True):
-            x, y, z = (int(value) for value in numbers[start])
-            yield (x, y, z), chunk.take(slice(start, stop))
-
-    def _cube_numbers(self, chunk: PointChunk, axis: int) -> I64:
-        """Return the index of the snapped cube of each point on one axis, exactly."""
-        ratio = self.source.crs.z_ratio if axis == 2 else Fraction(1)
-        slope = as_fraction(chunk.scale[axis]) * ratio / self.split_side
-        shift = as_fraction(chunk.offset[axis]) * ratio / self.split_side
-        length = math.lcm(slope.denominator, shift.denominator)
-        stored = (chunk.x, chunk.y, chunk.z)[axis]
-        factor, start = int(slope * length), int(shift * length)
-        if abs(factor) < 2**30 and max(abs(start), length) < 2**61:
-            return (stored.astype(np.int64) * factor + start) // length
-        numbers = (stored.astype(object) * factor + start) // length
-        if max(map(abs, (numbers.min(), numbers.max()))) >= 2**62:
-            raise self._too_many_cubes()
-        return np.asarray(numbers, np.int64)
+        """Yield the points of a chunk by snapped cube."""
+        try:
+            yield from by_cube(chunk, self.split_side, self.source.crs.z_ratio)
+        except OverflowError as error:
+            raise self._too_many_cubes() from error
 
     def _too_many_cubes(self) -> ResourceError:
         return ResourceError(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import mmap
 import os
 import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -38,6 +39,7 @@ class Scratch:
         self.used_bytes = 0
         self.spilled_bytes = 0
         self._maps: dict[int, mmap.mmap] = {}
+        self._lock = threading.Lock()  # the reader's thread and the builders' share one budget
 
     def __enter__(self) -> Scratch:
         return self
@@ -49,6 +51,11 @@ class Scratch:
         trace: TracebackType | None,
     ) -> None:
         self._maps.clear()
+
+    @property
+    def has_files(self) -> bool:
+        """Some array of `zeros` lives in a file now."""
+        return bool(self._maps)
 
     def take(self, n_bytes: int, share: float = 1.0) -> bool:
         """
@@ -66,14 +73,17 @@ class Scratch:
         granted : bool
             False: use a file. True: give it back with `give`.
         """
-        if self.budget_bytes is not None and self.used_bytes + n_bytes > self.budget_bytes * share:
-            return False
-        self.used_bytes += n_bytes
-        return True
+        with self._lock:
+            used = self.used_bytes + n_bytes
+            if self.budget_bytes is not None and used > self.budget_bytes * share:
+                return False
+            self.used_bytes = used
+            return True
 
     def give(self, n_bytes: int) -> None:
         """Give memory back to the budget."""
-        self.used_bytes -= n_bytes
+        with self._lock:
+            self.used_bytes -= n_bytes
 
     def file(self) -> BinaryIO:
         """
@@ -120,6 +130,10 @@ class Scratch:
         array: NDArray[Any] = np.frombuffer(mapped, dtype).reshape(shape)
         self._maps[array.ctypes.data] = mapped
         return array
+
+    def is_filed(self, array: NDArray[Any]) -> bool:
+        """Tell whether an array that `zeros` returned is in a file."""
+        return array.ctypes.data in self._maps
 
     def relax(self, array: NDArray[Any], start: int = 0, stop: int | None = None) -> None:
         """

@@ -120,7 +120,8 @@ def _chosen(report: Report) -> str:
     return "" if choice is None else f"Depth {choice['depth']}: {choice['reason']}"
 
 
-def _aligned(cells: Cells) -> str:
+def aligned(cells: Cells) -> str:
+    """Return a table as lines of text, the first row underlined."""
     widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
     first_left = [
         "  ".join(
@@ -219,5 +220,5 @@ def render(reports: Sequence[Report], form: str) -> str:
     if form == "md":
         return "\n\n".join(_document(report, _markdown, "### ") for report in reports)
     if form == "table":
-        return "\n\n\n".join(_document(report, _aligned, "") for report in reports)
+        return "\n\n\n".join(_document(report, aligned, "") for report in reports)
     raise OptionError(f"unknown format {form!r}: choose one of {', '.join(FORMATS)}")

@@ -6,21 +6,33 @@ import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import astuple, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volatool import resources
+from volatool.beside import Beside
 from volatool.census import box_corners
 from volatool.cube import Cube
 from volatool.elevation import make_elevation
 from volatool.encodings import output_stream
-from volatool.errors import CodedWarning, CRSError, FormatError, InputError, ResourceError
+from volatool.errors import (
+    CodedWarning,
+    CRSError,
+    FormatError,
+    InputError,
+    ResourceError,
+    VolatoolError,
+)
 from volatool.model import Bounds, Progress, no_progress
 from volatool.naming import VOLUME_SUFFIXES, stem
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
+from volatool.remote.path import is_url
+from volatool.remote.staging import local_copy
 from volatool.report import Report
+from volatool.retile import GROUP_SUFFIX, is_group
 from volatool.scan import Scan, TileScanner
 from volatool.scratch import Scratch
 from volatool.volumes import VolumePart, depth_in_advance, make_volumes, own_depth
@@ -61,7 +73,8 @@ def convert_tile(
         What is asked for.
     kind : str
         ``"convert"`` and ``"import"`` write volume, elevation model and report; ``"dem"`` the
-        elevation model; ``"stats"`` nothing.
+        elevation model; ``"stats"`` nothing; ``"retile"`` the volumes of a group of cubes, which
+        `path` names then (`volatool.retile`), and their report.
     outdir : pathlib.Path, optional
         Folder for the outputs; beside the input by default.
     overwrite : bool
@@ -86,6 +99,22 @@ def convert_tile(
     started = time.perf_counter()
     planned = planned_outputs(path, options, kind, outdir)
     refuse_existing(planned, overwrite)
+    if planned and is_url(planned[0]):
+        from volatool.remote.uploads import uploaded
+
+        work = partial(convert_tile, path, options, kind=kind, progress=progress)
+        return uploaded(work, planned, overwrite)
+    if is_group(path) and kind in ("retile", "stats"):
+        from volatool.retiling import cut_group
+
+        with OutputSet(overwrite) as outputs:
+            takes = outputs if kind == "retile" else None
+            report = cut_group(path, options, outdir, takes, progress)
+            report = _with_usage(report, options, started)
+            for target in planned:
+                with output_stream(outputs.add(target)) as stream:
+                    stream.write((report.to_json(indent=2) + "\n").encode())
+            return replace(report, paths=outputs.commit(planned))
     if kind == "dem" and _is_volume(path):
         return _volume_dem(path, options, outdir, overwrite, planned, started)
     with open_source(path, options, kind=kind) as source, OutputSet(overwrite) as outputs:
@@ -143,6 +172,8 @@ def planned_outputs(
         As in `convert_tile`; the kind may also be ``"classify"``.
     """
     suffixes = []
+    if kind == "retile":  # the cubes are known when the points are
+        return [(outdir or path.parent) / (path.name.removesuffix(GROUP_SUFFIX) + ".stats.json")]
     if kind in _WRITERS:
         packed = ".gz" if options.gzip else ""
         if options.split is None:
@@ -216,20 +247,28 @@ def open_source(
         yield source
 
 
-def _opened(path: Path, options: ConvertOptions, kind: str) -> PointSource | ImportSource:
+@contextmanager
+def _opened(path: Path, options: ConvertOptions, kind: str) -> Iterator[PointSource | ImportSource]:
     if kind == "import":
         from volatool.imports.source import ImportSource
 
-        return ImportSource(path, options)
+        with local_copy(path) as local, ImportSource(local, options) as imported:
+            yield imported
+        return
     from volatool.points.reader import open_points
 
-    return open_points(
+    near = None
+    if options.bounds is not None and options.to_crs is None and kind != "classify":
+        near = astuple(options.bounds)  # to_crs: they are in another CRS than the file
+    with open_points(
         path,
         crs=options.crs,
         crs_default=options.crs_default,
         salvage=options.salvage,
         strict=options.strict,
-    )
+        near=near if is_url(path) else None,
+    ) as source:
+        yield source
 
 
 def _is_volume(path: Path) -> bool:
@@ -317,6 +356,10 @@ class _Tile:
 
     def run(self, progress: Progress) -> Report:
         """Read, build and write everything but the report itself."""
+        with Beside() as beside:
+            return self._run(progress, beside)
+
+    def _run(self, progress: Progress, beside: Beside) -> Report:
         from volatool.vola.metadata import attributes_for
 
         surface = self._surface() if self.wants_dem else None
@@ -347,7 +390,7 @@ class _Tile:
             options=self.options.given(),
         )
         volume = None
-        part = self._volume_part(scan)
+        part = self._volume_part(scan, beside)
         if part is not None:
             volume = part.volume
             logger.info("%s: %s", self.source.name, part.choice["reason"])
@@ -357,7 +400,6 @@ class _Tile:
                 cube=part.cube,
                 levels=part.levels,
                 choice=part.choice,
-                encodings=part.encodings,
             )
         elif scan.census.n_used == 0:
             report = replace(report, status="empty")
@@ -374,24 +416,36 @@ class _Tile:
                     self.outputs,
                     self.target,
                 )
-            except (InputError, ResourceError) as error:
-                if self.kind in _WRITERS:  # nothing half-written: the volume goes too
+            except VolatoolError as error:
+                if part is not None:
+                    part.encodings()  # what is wrong with the volume is told first
+                is_of_input = isinstance(error, (InputError, ResourceError))
+                if is_of_input and self.kind in _WRITERS:  # nothing half-written: the volume goes
                     error.args = (f"{error}; --no-dem leaves the elevation model out",)
                 raise
             dem = made.dem
             self.warnings += made.warnings
             report = replace(report, dem=made.document)
+        if part is not None:
+            report = replace(report, encodings=part.encodings())
         if self.options.preview and self.kind in _WRITERS and volume is not None:
             self._preview(dem, volume)
         return replace(report, warnings=tuple(self.warnings))
 
-    def _volume_part(self, scan: Scan) -> VolumePart | None:
-        """Build and write the volumes; None if there is none to build."""
+    def _volume_part(self, scan: Scan, beside: Beside) -> VolumePart | None:
+        """Build the volumes and write them; None if there is none to build."""
         base = self.target("") if self.kind in _WRITERS else None
         corners = self._corners(scan)
         if scan.builders:
             return make_volumes(
-                scan.builders, self.source, self.options, self.outputs, base, corners
+                scan.builders,
+                self.source,
+                self.options,
+                self.outputs,
+                base,
+                corners,
+                self.scratch,
+                beside,
             )
         if self.options.compat == "toolkit" and self.kind in _WRITERS and corners:
             from volatool.compat import make_toolkit_volume
@@ -428,7 +482,7 @@ class _Tile:
 
     def _scan_warnings(self, scan: Scan) -> None:
         census = scan.census
-        if census.n_read == 0:
+        if census.box is None:
             self._warn("W_EMPTY", "the file has no points; no volume is written")
         elif census.n_used == 0:
             self._warn("W_ALL_FILTERED", all_filtered(scan), census.n_read)

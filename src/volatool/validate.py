@@ -13,6 +13,7 @@ import numpy as np
 from volatool.errors import CodedWarning, InputNotFoundError, VolatoolError
 from volatool.naming import OUTPUT_SUFFIXES
 from volatool.problems import Problem
+from volatool.remote.path import path_of
 from volatool.vola.volume import Volume
 
 _REPAIRED = "W_ZERO_METADATA"
@@ -77,7 +78,7 @@ def validate_file(path: Path | str, *, size_limit: int | None = None) -> Validat
         Structure, counts and checksums of volumes; elevation models and reports as their modules
         check them. A file that can't be read is a report with a problem, not an error.
     """
-    path = Path(path)
+    path = path_of(path)
     name = path.name.lower()
     try:
         if name.endswith((".tif", ".tiff")):
@@ -116,7 +117,7 @@ def validate_files(
         compared.
     """
     found: dict[Path, ValidationReport] = {}
-    for path in map(Path, paths):
+    for path in map(path_of, paths):
         for member in (path, *(_beside(path) if whole_set else ())):
             if member not in found:
                 found[member] = validate_file(member, size_limit=size_limit)

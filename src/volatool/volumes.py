@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volatool._version import __version__
+from volatool.beside import Beside, IsStopped
 from volatool.cube import Cube
 from volatool.encodings import (
     DENSE_LIMIT_BYTES,
@@ -28,14 +30,27 @@ from volatool.occupancy.levels import LevelRow, add_counts, level_rows
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet
 from volatool.reference import reference
+from volatool.scratch import Scratch
 from volatool.units import format_size
 
 if TYPE_CHECKING:
     from volatool.points.source import Source
-    from volatool.scan import CubeIndex
+    from volatool.snapped import CubeIndex
     from volatool.vola.builder import VolaBuilder
     from volatool.vola.built import Built
     from volatool.vola.volume import Volume, VolumeInfo
+
+_Files = dict[Encoding, tuple[Path, str]]
+"""Temporary path and name of each file."""
+
+_PIECES_BYTES = 8 << 20
+"""What writing holds beside the volume: pieces, and the compressor's window."""
+
+_DENSE_BYTES_PER_VOXEL = 64
+"""What putting the voxels of a level in dense order takes."""
+
+_SHARE_OF_BUDGET = 0.25
+"""As much of the memory budget may be in use for a volume to be written beside other work."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +62,10 @@ class VolumePart:
     ----------
     cube, choice : dict
         Objects of the report.
-    levels, encodings : tuple of dict
-        Lists of the report.
+    levels : tuple of dict
+        List of the report.
+    encodings : callable
+        Waits until the files are written and returns the list of the report, a tuple of dict.
     volume : Volume
         The volume; with ``--split`` the one with the most points.
     warnings : tuple of CodedWarning
@@ -58,7 +75,7 @@ class VolumePart:
     cube: dict[str, Any]
     choice: dict[str, Any]
     levels: tuple[dict[str, Any], ...]
-    encodings: tuple[dict[str, Any], ...]
+    encodings: Callable[[], tuple[dict[str, Any], ...]]
     volume: Volume
     warnings: tuple[CodedWarning, ...]
 
@@ -126,6 +143,8 @@ def make_volumes(
     outputs: OutputSet,
     base: Path | None,
     corners: Sequence[float],
+    scratch: Scratch | None = None,
+    beside: Beside | None = None,
 ) -> VolumePart:
     """
     Build the volumes, choose one depth for them and write them.
@@ -144,6 +163,10 @@ def make_volumes(
         Path of the outputs without suffix; None to write nothing.
     corners : sequence of 6 float
         Box of the points: smallest x, y, z, then largest, in units of the CRS.
+    scratch : Scratch, optional
+        Memory budget.
+    beside : Beside, optional
+        Writes a single volume while the caller goes on, if the budget has room for that.
     """
     built = {index: builders[index].build() for index in sorted(builders)}
     counts = add_counts(one.counts for one in built.values())
@@ -158,34 +181,61 @@ def make_volumes(
     else:
         choice = _choose(options, source.crs, built[largest], counts, n_points, info)
     last = max(choice.depth, rules.stop_level(counts, n_points, options.max_depth))
+    if options.all_levels:
+        last = len(counts)
     rows: tuple[LevelRow, ...] = level_rows(
         counts[:last], built[largest].cube.exact[3], n_points, tiles=len(built)
     )
     warnings = list(choice.warnings)
-    encodings: list[dict[str, Any]] = []
-    shown = None
-    for index, one in built.items():
+
+    def volume_of(index: CubeIndex) -> tuple[Volume, _Files]:
+        one = built[index]
         volume = one.volume(choice.depth, _placed(info, source, one, corners))
-        paths: dict[Encoding, tuple[Path, str]] = {}
-        if base is not None:
-            paths = _write(volume, options, outputs, _named(base, index, options), warnings)
-        written = []
-        for encoding in encodings_of(volume):
-            path, name = paths.get(encoding, (None, None))
-            written.append(encoding_row(volume, encoding, path, name, *_sizes(source)))
-        encodings = added_rows(encodings, written, *_sizes(source))
-        if index == largest:
-            shown = volume
         builders[index].close()
-    assert shown is not None
+        if base is None:
+            return volume, {}
+        return volume, _files(volume, options, outputs, _named(base, index, options), warnings)
+
+    if len(built) == 1 and scratch is not None and beside is not None:
+        shown, files = volume_of(largest)
+        encodings = _started(shown, files, source, scratch, beside)
+    else:
+        rows_of_all: list[dict[str, Any]] = []
+        for index in built:
+            volume, files = volume_of(index)
+            rows_of_all = added_rows(rows_of_all, _write(volume, files, source), *_sizes(source))
+            if index == largest:
+                shown = volume
+        encodings = partial(tuple, rows_of_all)
     return VolumePart(
         cube=cube_document(built[largest].cube, source.crs, options, len(built)),
         choice=choice.to_dict(),
         levels=tuple(row.to_dict() for row in rows),
-        encodings=tuple(encodings),
+        encodings=encodings,
         volume=shown,
         warnings=tuple(warnings),
     )
+
+
+def _started(
+    volume: Volume, files: _Files, source: Source, scratch: Scratch, beside: Beside
+) -> Callable[[], tuple[dict[str, Any], ...]]:
+    """Write a volume beside the main thread, or at once where memory for both is short."""
+    n_bytes = _PIECES_BYTES + _DENSE_BYTES_PER_VOXEL * len(volume)
+    if not scratch.take(n_bytes, _SHARE_OF_BUDGET):
+        return partial(tuple, _write(volume, files, source))
+    result = beside.start(lambda is_stopped: _write(volume, files, source, is_stopped))
+    given = False
+
+    def wait() -> tuple[dict[str, Any], ...]:
+        nonlocal given
+        rows = tuple(result())
+        if not given:
+            scratch.give(n_bytes)
+            given = True
+        return rows
+
+    return wait
 
 
 def _sizes(source: Source) -> tuple[int, int]:
@@ -273,14 +323,14 @@ def _named(base: Path, index: CubeIndex, options: ConvertOptions) -> Path:
     return base.with_name(f"{base.name}_x{x}_y{y}_z{z}")
 
 
-def _write(
+def _files(
     volume: Volume,
     options: ConvertOptions,
     outputs: OutputSet,
     base: Path,
     warnings: list[CodedWarning],
-) -> dict[Encoding, tuple[Path, str]]:
-    """Write the sparse file and, if wanted, the dense one; return temporary paths and names."""
+) -> _Files:
+    """Return what is to be written, the dense file if it is wanted: temporary paths and names."""
     bits = 2 if volume.has_metadata else 1
     codec = "gzip" if options.gzip else "none"
     wanted = [Encoding("sparse", bits, codec)]
@@ -299,14 +349,22 @@ def _write(
                     "written (--dense always writes it)",
                 )
             )
-    paths = {}
-    for encoding in wanted:
-        name = base.name + encoding.suffix
-        path = outputs.add(base.with_name(name))
-        with output_stream(path) as stream:
-            write_volume(stream, volume, encoding)
-        paths[encoding] = (path, name)
-    return paths
+    names = {encoding: base.name + encoding.suffix for encoding in wanted}
+    return {encoding: (outputs.add(base.with_name(name)), name) for encoding, name in names.items()}
+
+
+def _write(
+    volume: Volume, files: _Files, source: Source, is_stopped: IsStopped | None = None
+) -> list[dict[str, Any]]:
+    """Write a volume's files; return the report's list of encodings."""
+    for encoding, (target, _) in files.items():
+        with output_stream(target) as stream:
+            write_volume(stream, volume, encoding, is_stopped)
+    rows = []
+    for encoding in encodings_of(volume):
+        path, name = files.get(encoding, (None, None))
+        rows.append(encoding_row(volume, encoding, path, name, *_sizes(source), is_stopped))
+    return rows
 
 
 def cube_document(

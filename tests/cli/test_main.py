@@ -24,6 +24,7 @@ VECTORS = ROOT / "docs" / "vectors"
 COMMANDS = [
     "convert", "stats", "info", "dem", "check", "classify", "validate", "emap", "reproduce",
     "doctor", "export", "import", "index", "diff", "merge", "query",
+    "recommend", "retile",
 ]  # fmt: skip
 
 
@@ -91,6 +92,9 @@ def test_the_examples_of_the_help_run(name, volatool):
             rows = (separator.join(map(str, (k, k % 7, k % 3, 9, 5))) for k in range(40))
             (folder / f"cloud{suffix}").write_text("\n".join(rows))
         (folder / "scan.npy").write_bytes(npy_bytes(scan()))
+    if name in ("recommend", "retile"):
+        done = volatool("stats", "tile.laz", "--summary", "--format", "json")
+        (folder / "dataset.json").write_text(done.stdout)
     if name == "index":
         done = volatool("convert", "tile.laz", "-q", "-o", "out", "--cell", "2m")
         assert done.returncode == 0, done.stderr

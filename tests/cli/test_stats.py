@@ -72,3 +72,39 @@ def test_a_bad_file_is_told_and_the_rest_printed(volatool):
     assert done.returncode == 3
     assert "forest.laz" in done.stdout
     assert done.stderr.startswith("E_")
+
+
+def test_a_summary_reads_reports_instead_of_tiles(volatool):
+    """What `convert` wrote sums up to the same table as the tiles; a broken report is told."""
+    assert volatool("convert", "town.laz", "-o", "out", "--no-dem", "-q").returncode == 0
+    from_tile = json.loads(
+        volatool("stats", "town.laz", "--summary", "--format", "json", "--no-resources").stdout
+    )
+    done = volatool("stats", "out/town.stats.json", "--summary", "--format", "json")
+    from_report = json.loads(done.stdout)
+    assert from_report["levels"] == from_tile["levels"]
+    assert from_report["choice"] == from_tile["choice"]
+    (volatool.folder / "bad.json").write_text("{}", encoding="utf-8")
+    done = volatool("stats", "bad.json", "out/town.stats.json", "--summary")
+    assert done.returncode == 3
+    assert done.stderr.startswith("E_NOT_REPORT: bad.json")
+    assert "1 tiles" in done.stdout
+
+
+def test_a_whole_data_set_has_the_depth_of_its_summary(volatool):
+    """--depth-from takes what stats --summary writes; every tile says so."""
+    done = volatool("stats", "town.laz", "forest.laz", "--summary", "--format", "json")
+    (volatool.folder / "dataset.json").write_text(done.stdout, encoding="utf-8")
+    depth = json.loads(done.stdout)["choice"]["depth"]
+    names = ("town.laz", "forest.laz")
+    done = volatool("convert", *names, "-o", "out", "--no-dem", "--depth-from", "dataset.json",
+                    "--json")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for line in done.stdout.splitlines():
+        choice = json.loads(line)["choice"]
+        assert (choice["depth"], choice["rule"]) == (depth, "dataset")
+    (volatool.folder / "dataset.json").write_text("{}", encoding="utf-8")
+    done = volatool("convert", *names, "-o", "out2", "--depth-from", "dataset.json")
+    assert done.returncode == 2
+    assert "choice.depth" in done.stderr
+    assert not (volatool.folder / "out2").exists()

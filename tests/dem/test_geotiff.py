@@ -161,3 +161,24 @@ def test_failures_are_ours(dem, tmp_path):
     whole = path.read_bytes()
     path.write_bytes(whole[: len(whole) // 2])
     assert check_dem(path)[0][0] == "E_CORRUPT"
+
+
+def test_the_bytes_do_not_depend_on_the_number_of_threads(dem, tmp_path, monkeypatch):
+    """Twelve tiles and their overviews, of noise: nothing packs at the same speed."""
+    noise = np.random.default_rng(0).normal(size=(3 * 512, 4 * 512)).astype(np.float32)
+    noise[:512, :512] = 0
+    large = replace(dem, z=noise, grid=replace(dem.grid, width=4 * 512, height=3 * 512))
+    written = set()
+    for threads in (1, 2, 4, 4):
+        monkeypatch.setattr("volatool.resources.n_threads", lambda n=threads: n)
+        write_dem(tmp_path / "a.dem.tif", large)
+        written.add((tmp_path / "a.dem.tif").read_bytes())
+    assert len(written) == 1
+
+
+@pytest.mark.parametrize(("share", "n"), [("1", 1), ("0", None), ("", None), ("x", None)])
+def test_threads_are_the_cores_or_the_share_of_a_pool(monkeypatch, share, n):
+    from volatool import resources
+
+    monkeypatch.setenv("RAYON_NUM_THREADS", share)
+    assert resources.n_threads() == (n or resources.n_cores())

@@ -50,18 +50,19 @@ def test_dem_follows_the_terrain():
 
 
 @pytest.mark.parametrize("surface", ["dtm", "min"])
-def test_chunks_and_memory_do_not_change_a_byte(surface):
+def test_chunks_memory_and_threads_do_not_change_a_byte(surface):
     """The same bytes for chunks of 1000, 77 and all, in RAM and in files."""
     x, y, z = hills()
     whole = None
     for size, budget in ((4000, None), (1000, None), (77, None), (500, 0), (500, 40_000)):
+        threads = 1 if size > 500 else 3
         with Scratch(budget) as scratch:
             chunks = [
                 chunk(x[k : k + size], y[k : k + size], z[k : k + size], k, classification=2)
                 for k in range(0, len(x), size)
             ]
             points = gather(*chunks, surface=surface, scratch=scratch)
-            dem = make_dem(points, METRES, 0.5, scratch=scratch)
+            dem = make_dem(points, METRES, 0.5, scratch=scratch, threads=threads)
             points.close()
             found = (dem.z.tobytes(), dem.flag.tobytes(), dem.count.tobytes(), str(dem.to_dict()))
         whole = whole or found

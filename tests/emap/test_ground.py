@@ -118,8 +118,8 @@ def test_a_pit_is_terrain():
     assert kept(x, y, z)[np.hypot(x - 60, y - 60) < 13].all()
 
 
-@pytest.mark.parametrize("budget", [None, 0, 400_000])
-def test_order_pieces_and_memory_do_not_change_the_result(budget):
+@pytest.mark.parametrize(("budget", "threads"), [(None, 1), (None, 3), (0, 1), (400_000, 2)])
+def test_order_pieces_memory_and_threads_do_not_change_the_result(budget, threads):
     """The sheet is the same to the byte, whatever the order and wherever arrays live."""
     x, y = scatter(12_000)
     z, _ = with_buildings(x, y, 50 + 0.1 * x + noise(x))
@@ -128,7 +128,7 @@ def test_order_pieces_and_memory_do_not_change_the_result(budget):
     order = np.random.default_rng(9).permutation(len(x))
     with Scratch(budget) as scratch:
         points = points_of(x[order], y[order], z[order], scratch, size=977)
-        found = GroundFilter(points, scratch=scratch)
+        found = GroundFilter(points, scratch=scratch, threads=threads)
         assert found.z.tobytes() == want.z.tobytes()
         assert np.array_equal(found.limits, want.limits)
         flags = np.concatenate([found.keeps(rows) for rows in points.pieces()])

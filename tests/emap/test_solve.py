@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import naive_cuts
 import naive_dem
 import numpy as np
 import pytest
 
-from volatool.emap import system
+from volatool.emap import system, walk
+from volatool.emap.cuts import Cuts
 from volatool.emap.multigrid import Hierarchy, chebyshev
 from volatool.emap.solve import solve
 from volatool.emap.system import Evidence, Springs
+from volatool.kernels import cut_multigrid
 from volatool.scratch import Scratch
 
 
@@ -131,9 +134,55 @@ def test_full_start_restricts_and_prolongs():
         for start, stop in system.strips(h, w, cells=3 * w):
             multigrid.restrict_rows(fine, coarse, start, stop)
         np.testing.assert_allclose(coarse, rows.T @ fine @ cols, atol=1e-5)
-        out = fine.copy()
-        multigrid.prolong(coarse, out, np.float32(1), 0, h)
-        np.testing.assert_allclose(out, fine + rows @ coarse @ cols.T, atol=1e-5)
+        out, work = np.empty_like(fine), np.zeros(coarse.shape[1] + 1, np.float32)
+        for r in range(h):
+            multigrid.prolong_row(coarse, r, work, out[r])
+        np.testing.assert_allclose(out, rows @ coarse @ cols.T, atol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(10, 11), (12, 3), (3, 12), (31, 24)])
+@pytest.mark.parametrize("has_cuts", [False, True])
+@pytest.mark.parametrize("start", ["zero", "set", "add"])
+def test_a_sweep_is_its_stages(shape, has_cuts, start):
+    """One walk equals interpolation, three steps and restriction by dense matrices."""
+    from volatool.emap.multigrid import NOTHING
+
+    springs, (h, w) = Springs(0.7, 0.03), shape
+    rng = np.random.default_rng(4)
+    points = rng.uniform(0, w, 40), rng.uniform(0, h, 40), rng.normal(size=40)
+    evidence = evidence_of(points, shape, springs)
+    cuts = Cuts.none(h, w)
+    if has_cuts:
+        cuts.edges[:, 0, 1:-1] = rng.choice([0.3, 1.0], (h, w - 2))
+    hierarchy = Hierarchy(evidence, springs, Scratch(), cuts if has_cuts else None)
+    level, below = hierarchy.levels[:2]
+    surface = naive_cuts.surface_matrix(springs.kb, springs.km, cuts.edges).toarray()
+    matrix = surface + naive_dem.dense_stencil(evidence.data)
+    level.right[:], below.x[:], level.x[:] = (
+        rng.normal(size=a.shape) for a in (level.x, below.x, level.x)
+    )
+    transfer = np.zeros((h * w, below.x.size))
+    for k in range(below.x.size):
+        unit, out = np.zeros(below.x.shape, np.float32), np.zeros(shape, np.float32)
+        unit.flat[k] = 1
+        edges = np.ones((h, 3, w), np.float32)
+        edges[:, :2] = cuts.edges
+        for r in range(h):
+            cut_multigrid.cut_prolong_row(unit, r, edges, out[r])
+        transfer[:, k] = out.ravel()
+    x = np.zeros(h * w) if start == "zero" else transfer @ below.x.ravel()
+    if start == "add":
+        x += level.x.ravel()
+    step = np.zeros(h * w)
+    for alpha, beta in chebyshev():
+        step = alpha * step + beta * (level.right.ravel() - matrix @ x) / matrix.diagonal()
+        x = x + step
+    wanted = transfer.T @ (level.right.ravel() - matrix @ x)
+    hierarchy._sweep(
+        0, source=NOTHING if start == "zero" else below.x, adds=start == "add", target=below.right
+    )
+    np.testing.assert_allclose(level.x.ravel(), x, atol=2e-5)
+    np.testing.assert_allclose(below.right.ravel(), wanted, atol=1e-4)
 
 
 def test_strips_and_files_do_not_change_a_byte(monkeypatch):
@@ -150,11 +199,36 @@ def test_strips_and_files_do_not_change_a_byte(monkeypatch):
             assert z.tobytes() == whole
 
 
-def test_memory_is_given_back():
+@pytest.mark.parametrize("shape", [(130, 97), (9, 40), (64, 130)])
+@pytest.mark.parametrize("has_cuts", [False, True])
+def test_threads_do_not_change_a_byte(shape, has_cuts, monkeypatch):
+    """The same bytes for any number of threads, from nothing and from heights."""
+    monkeypatch.setattr(walk, "BAND_CELLS", 1)
+    springs, rng = Springs(0.1, 0.001), np.random.default_rng(6)
+    n = shape[0] * shape[1] // 5
+    points = rng.uniform(0, shape[1], n), rng.uniform(0, shape[0], n), rng.normal(size=n)
+    cuts = None
+    if has_cuts:
+        cuts = Cuts.none(*shape)
+        cuts.edges[:, 0, 5] = 0
+    for start in (None, rng.normal(size=shape)):
+        evidence = evidence_of(points, shape, springs)
+        whole, info = solve(evidence, springs, start=start, cuts=cuts)
+        for threads in (2, 3, 7):
+            z, same = solve(evidence, springs, start=start, cuts=cuts, threads=threads)
+            assert z.tobytes() == whole.tobytes()
+            assert same == info
+
+
+def test_memory_is_given_back(monkeypatch):
     """After a solve only the heights are left in the budget."""
-    scratch, springs = Scratch(), Springs(0.1, 0.001)
-    z, _ = solve(evidence_of(terrain(70), (70, 70), springs, scratch), springs, consume=True)
-    assert scratch.used_bytes == z.nbytes
+    monkeypatch.setattr(walk, "BAND_CELLS", 1)
+    springs = Springs(0.1, 0.001)
+    for threads in (1, 2):
+        scratch = Scratch()
+        evidence = evidence_of(terrain(70), (70, 70), springs, scratch)
+        z, _ = solve(evidence, springs, consume=True, threads=threads)
+        assert scratch.used_bytes == z.nbytes
 
 
 def test_no_data_gives_zero():

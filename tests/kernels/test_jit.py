@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
+
+SAMPLES = Path(__file__).resolve().parents[2] / "data_samples"
 
 CODE = """
 import numpy as np
@@ -14,10 +21,22 @@ print(quantize.key_cells(keys, 2).tolist(), levels.drop_repeats(keys))
 """
 EXPECTED = "[[0, 0, 0], [0, 0, 0], [3, 1, 0], [3, 3, 3], [4, 0, 0]] 4"
 
+FAILING = """
+import numpy as np, sys
+from volatool.kernels import _jit
+@_jit.kernel
+def broken(a):
+    return a.no_such_thing()
+try:
+    broken(np.zeros(1))
+except Exception as error:
+    print(type(error).__name__, _jit._turn._depth)
+"""
 
-def start(folder):
+
+def start(folder, *command):
     return subprocess.Popen(
-        [sys.executable, "-c", CODE],
+        [sys.executable, *(command or ("-c", CODE))],
         env={**os.environ, "VOLATOOL_CACHE_DIR": str(folder)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -26,22 +45,57 @@ def start(folder):
 
 
 def ends_well(process):
-    stdout, stderr = process.communicate(timeout=120)
+    stdout, stderr = process.communicate(timeout=300)
     return (process.returncode, stdout.strip(), stderr) == (0, EXPECTED, "")
 
 
+def compiled(folder):
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*.nbc")}
+
+
 def test_processes_that_start_together_on_an_empty_cache_agree(tmp_path):
-    assert all([ends_well(process) for process in [start(tmp_path) for _ in range(4)]])
-    compiled = sorted(tmp_path.rglob("*.nbc"))
-    assert compiled
-    times = [path.stat().st_mtime_ns for path in compiled]
+    assert all([ends_well(process) for process in [start(tmp_path) for _ in range(10)]])
+    before = compiled(tmp_path)
+    # each kernel was compiled by one of them, and saved once
+    assert len(before) == len(list(tmp_path.rglob("*.nbi")))
     assert ends_well(start(tmp_path))  # from the cache: nothing is compiled again
-    assert [path.stat().st_mtime_ns for path in sorted(tmp_path.rglob("*.nbc"))] == times
+    assert compiled(tmp_path) == before
 
 
-def test_without_a_writable_folder_kernels_compile_in_memory(tmp_path):
-    (tmp_path / "file").touch()
-    assert ends_well(start(tmp_path / "file"))
+def test_conversions_that_start_together_on_an_empty_cache_agree(tmp_path):
+    tile, cache = SAMPLES / "forest.laz", tmp_path / "cache"
+    options = ("--no-dem", "--meta", "none", "--no-resources", "-q", "--depth", "3")
+    processes = []
+    for number in range(10):
+        command = ("-m", "volatool_cli", "convert", str(tile), "-o", str(tmp_path / str(number)))
+        processes.append(start(cache, *command, *options))
+    for process in processes:
+        _, stderr = process.communicate(timeout=600)
+        assert (process.returncode, stderr) == (0, "")
+    sums = {
+        tuple(hashlib.sha256(path.read_bytes()).digest() for path in sorted(folder.iterdir()))
+        for folder in (tmp_path / str(number) for number in range(10))
+    }
+    assert len(sums) == 1
+    assert len(compiled(cache)) == len(list(cache.rglob("*.nbi")))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="folders have no such permissions")
+@pytest.mark.parametrize("kind", ["a file", "read-only", "cut"])
+def test_a_cache_that_cannot_be_used_is_done_without(tmp_path, kind):
+    folder = tmp_path / "cache"
+    if kind == "a file":
+        folder.touch()
+    else:
+        assert ends_well(start(folder))
+    if kind == "read-only":  # root may write where permissions forbid it: the folder is a file
+        kernels = next(folder.glob("kernels/*"))
+        shutil.rmtree(kernels)
+        kernels.touch()
+    if kind == "cut":
+        for path in folder.rglob("*.nbi"):
+            path.write_bytes(path.read_bytes()[:40])
+    assert ends_well(start(folder))
 
 
 def test_importing_the_kernels_compiles_nothing(tmp_path):
@@ -49,3 +103,10 @@ def test_importing_the_kernels_compiles_nothing(tmp_path):
     environment = {**os.environ, "VOLATOOL_CACHE_DIR": str(tmp_path)}
     subprocess.run([sys.executable, "-c", code], env=environment, check=True)
     assert not list(tmp_path.rglob("*.nbc"))
+
+
+def test_a_failed_compilation_lets_others_compile(tmp_path):
+    script = tmp_path / "failing.py"  # a kernel needs a file to be cached
+    script.write_text(FAILING)
+    stdout, _ = start(tmp_path, str(script)).communicate(timeout=120)
+    assert stdout.split() == ["TypingError", "0"]

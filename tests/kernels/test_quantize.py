@@ -135,8 +135,8 @@ def test_any_scale_offset_and_cube_is_exact(scale, offset, depth, points, grow):
 def test_common_tiles_take_the_fast_way():
     """Equal decimal scales are integer arithmetic; the table is for the odd ones only."""
     cube = Cube((635577.79, 848882.15, 406.14), 4655.51)
-    assert Quantizer(cube, (0.01,) * 3, (637291.0, 851210.0, 511.0), 8)._plan[0]
-    assert not Quantizer(cube, (0.0123456789,) * 3, (0.3, 0.1, 0.7), 8)._plan[0]
+    assert Quantizer(cube, (0.01,) * 3, (637291.0, 851210.0, 511.0), 8).plan[0]
+    assert not Quantizer(cube, (0.0123456789,) * 3, (0.3, 0.1, 0.7), 8).plan[0]
 
 
 @pytest.mark.parametrize("depth", [1, 2, 5, 8, 10])

@@ -35,26 +35,6 @@ def check_rows(rows, expected):
     assert {int(row[0]): row[1:].tolist() for row in rows} == expected
 
 
-@pytest.mark.parametrize("n", [1, 2, 500])
-def test_points_are_summed_by_block_and_class(n):
-    """Any order of the points inside a block; all 256 classes."""
-    rng = np.random.default_rng(n)
-    block = rng.integers(0, 30, n)
-    code = rng.integers(0, 256, n).astype(np.uint8)
-    colours = rng.integers(0, 2**16, (4, n)).astype(np.uint16)
-    z = rng.integers(-(2**31), 2**31, n).astype(np.int32)
-    returns = rng.integers(0, 16, n).astype(np.uint8)
-    bits = 12
-    order = np.sort(block.astype(np.uint64) << np.uint64(bits) | np.arange(n, dtype=np.uint64))
-    rows = reduce.sum_points(order, bits, bits, code, *colours[:3], z, returns, colours[3])
-    points = np.column_stack(
-        [(block << 8) | code, np.ones(n, np.int64), *colours[:3], z, returns, colours[3]]
-    )
-    check_rows(rows, as_dict(points))
-    rows = reduce.sum_points(order, bits, bits + 2, code, *colours[:3], z, returns, colours[3])
-    check_rows(rows, as_dict(points, 2))
-
-
 @pytest.mark.parametrize("digits", [0, 1, 2])
 def test_coarser_blocks_are_sums_of_their_children(digits):
     """Also from rows that repeat a key or have classes out of order inside a block."""

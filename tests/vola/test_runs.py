@@ -20,11 +20,14 @@ def sorted_runs(seed, n_runs, n=3000, limit=10**6):
 def test_keys_come_out_sorted_and_once(budget):
     """In RAM, in files, in files of files, and mixed."""
     scratch = Scratch(budget)
-    runs = KeyRuns(scratch, 4)
+    runs = KeyRuns(scratch)
     expected = set()
-    for run in sorted_runs(1, 40):
-        expected.update(run.tolist())
-        runs.push(run)
+    rng = np.random.default_rng(1)
+    for _ in range(40):  # in any order, and repeated
+        keys = rng.integers(0, 10**6, 3000).astype(np.uint64)
+        expected.update(keys.tolist())
+        runs.push(keys)
+        runs.push(keys[:0])
     for _ in range(2):  # a stream can be had again
         found = np.concatenate(list(runs.stream()))
         assert found.tolist() == sorted(expected)
@@ -35,34 +38,39 @@ def test_keys_come_out_sorted_and_once(budget):
 def test_memory_in_use_stays_under_the_share():
     """The budget counts what is really held, merges included."""
     scratch = Scratch(1_000_000)
-    runs = KeyRuns(scratch, 4, share=0.5)
+    runs = KeyRuns(scratch, share=0.5)
     for run in sorted_runs(2, 60):
         runs.push(run)
         assert scratch.used_bytes <= 500_000
     runs.close()
 
 
-def test_growth_is_never_overstated():
-    """What is ruled out by it must be ruled out for certain."""
-    for budget in (None, 0):
-        seen = []
-        runs = KeyRuns(Scratch(budget), 4, on_growth=lambda counts, seen=seen: seen.append(counts))
-        everything = np.zeros(0, np.uint64)
-        for run in sorted_runs(3, 20):
-            runs.push(run)
-            everything = np.union1d(everything, run)
-            actual = [len(np.unique(everything >> np.uint64(6 * (4 - i)))) for i in range(5)]
-            assert (seen[-1] <= actual).all()
-        runs.close()
-        assert max(counts[4] for counts in seen) > 10_000
+@pytest.mark.parametrize("kind", ["distinct", "repeated"])
+def test_the_buffer_is_sorted_when_it_is_full(kind, monkeypatch):
+    """Whether most keys are new, when the buffer becomes the run, or few are."""
+    monkeypatch.setattr("volatool.vola.runs._MOST_LOOSE", 5000)
+    scratch = Scratch()
+    runs = KeyRuns(scratch)
+    limit = 10**15 if kind == "distinct" else 50
+    keys = np.random.default_rng(3).integers(0, limit, (70, 999)).astype(np.uint64)
+    for row in keys:
+        room = runs.room(999)
+        assert len(room) >= 999
+        room[:999] = row
+        runs.filled(999)
+        assert scratch.used_bytes >= 8 * len(room)
+    found = np.concatenate(list(runs.stream()))
+    assert found.tolist() == sorted(set(keys.ravel().tolist()))
+    runs.close()
+    assert scratch.used_bytes == 0
 
 
-@pytest.mark.parametrize("budget", [None, 0, 400_000])
 @pytest.mark.parametrize("coarsen_after", [0, 7, 19])
-def test_sums_survive_spilling_and_coarsening(budget, coarsen_after):
-    """Blocks made coarser half way, in RAM and in files: the sums are exact."""
+def test_sums_survive_spilling_and_coarsening(coarsen_after):
+    """Blocks made coarser half way: the sums of files and of a run in RAM are exact."""
     rng = np.random.default_rng(4)
-    runs = SumRuns(Scratch(budget))
+    runs = SumRuns(Scratch())
+    kept = None
     total: dict[int, np.ndarray] = {}
     for i in range(20):
         rows = rng.integers(0, 99, (1000, 8))
@@ -72,13 +80,16 @@ def test_sums_survive_spilling_and_coarsening(budget, coarsen_after):
             block >>= 6
         rows[:, 0] = (block << 8) | rng.integers(0, 3, 1000)
         rows = reduce.fold_rows(rows, 0)
-        runs.push(rows.copy())
+        if i == 19 and coarsen_after < 19:
+            kept = rows
+        else:
+            runs.spill(rows)
         for row in rows:
             key = int(row[0]) if i > coarsen_after else (int(row[0]) >> 14 << 8) | int(row[0]) & 255
             total[key] = total.get(key, 0) + row[1:]
         if i == coarsen_after:
             runs.coarsen(1)
-    found = np.concatenate(list(runs.stream()))
+    found = np.concatenate(list(runs.stream(*([] if kept is None else [kept]))))
     assert found[:, 0].tolist() == sorted(total)
     assert all(np.array_equal(row[1:], total[int(row[0])]) for row in found)
     runs.close()

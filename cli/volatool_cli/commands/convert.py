@@ -23,6 +23,7 @@ from volatool_cli import options
 @options.volume_files
 @click.option("--dem/--no-dem", default=True, show_default=True, help="Make the elevation model.")
 @options.dem
+@options.mosaic
 @click.option("--preview", is_flag=True, help="Write a picture, NAME.preview.png.")
 @options.memory
 @options.jobs
@@ -45,6 +46,6 @@ def convert(**arguments: Any) -> None:
       volatool convert tile.laz -o out --class 2,9 --cell 1m --layers count,flag
       find tiles -name '*.laz' -print0 | volatool convert -0 - -o out --json
     """
-    from volatool_cli.run import run_tiles
+    from volatool_cli.mosaic import run_mosaic
 
-    run_tiles(arguments, kind="convert")
+    run_mosaic(arguments, kind="convert")

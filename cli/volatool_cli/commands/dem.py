@@ -17,6 +17,7 @@ from volatool_cli import options
 @options.reading
 @options.crs
 @options.dem
+@options.mosaic
 @options.memory
 @options.jobs
 @options.record
@@ -36,9 +37,9 @@ def dem(**arguments: Any) -> None:
       volatool dem tile.laz
       volatool dem tile.laz -o out --surface dsm --cell 0.5m
       volatool dem tile.laz -o out --max-gap 10m --layers flag,count,distance
-      volatool dem tiles/ -o out --cell 1m --neighbours tiles/
+      volatool dem tiles/ -o out --mosaic town --cog
       volatool dem tile.vol.gz -o out --surface dsm
     """
-    from volatool_cli.run import run_tiles
+    from volatool_cli.mosaic import run_mosaic
 
-    run_tiles(arguments, kind="dem")
+    run_mosaic(arguments, kind="dem")

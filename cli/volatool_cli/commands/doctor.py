@@ -16,11 +16,18 @@ def doctor(warm: bool, as_json: bool) -> None:
       volatool doctor
       volatool doctor --warm
     """
-    from volatool.doctor import diagnose, warm_kernels
+    from volatool.doctor import diagnose
     from volatool.report import dumps
 
     if warm:
-        warm_kernels()
+        from volatool.warming import PARTS, warm_kernels
+
+        for part in PARTS:
+            for done in warm_kernels([part]):
+                click.echo(
+                    f"{done.part}: {done.n_compiled} kernels compiled in {done.seconds:.1f} s",
+                    err=True,
+                )
     document = diagnose()
     if as_json:
         click.echo(dumps(document))

@@ -29,10 +29,9 @@ def info(
       volatool info tile.laz
       volatool info tile.vol.gz tile.dem.tif --json
     """
-    from pathlib import Path
-
     from volatool.errors import VolatoolError
     from volatool.info import describe, describe_text
+    from volatool.remote.path import path_of
     from volatool.report import dumps
     from volatool_cli.exit_codes import ExitCode
     from volatool_cli.output import configure_logging
@@ -41,7 +40,7 @@ def info(
     n_failed = 0
     for name in files:
         try:
-            document = describe(Path(name))
+            document = describe(path_of(name))
         except VolatoolError as error:
             click.echo(f"{error.code}: {error}", err=True)
             n_failed += 1

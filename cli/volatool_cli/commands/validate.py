@@ -42,15 +42,13 @@ def validate(
       volatool validate tile.dem.tif tile.stats.json --json
       volatool validate tile.stats.json --set
     """
-    from pathlib import Path
-
     from volatool.report import dumps
     from volatool.validate import validate_files
     from volatool_cli.exit_codes import ExitCode
     from volatool_cli.output import configure_logging
 
     configure_logging(quiet, verbose, log)
-    reports = validate_files(map(Path, files), whole_set=whole_set)
+    reports = validate_files(files, whole_set=whole_set)
     for report in reports:
         if as_json:
             click.echo(dumps(report.to_dict()))

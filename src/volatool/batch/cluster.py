@@ -278,14 +278,15 @@ def _perform(unit: Unit, folder: str, topic: str) -> Result:
             os.chdir(folder)
         try:
             news.stop_if_asked()
-            _prepare_once()
-            return perform(replace(unit, threads=worker.state.nthreads), news)
+            _prepare_once(worker.state.nthreads)
+            return perform(unit, news)
         except _Stopped:
             return lost(unit, "was stopped")
 
 
 @functools.cache
-def _prepare_once() -> None:
+def _prepare_once(threads: int) -> None:
+    os.environ.setdefault("RAYON_NUM_THREADS", str(threads))
     prepare()
 
 

@@ -20,6 +20,7 @@ from volatool._version import __version__
 from volatool.batch.work import Result, Unit
 from volatool.errors import OptionError
 from volatool.outputs import write_error
+from volatool.remote.path import is_url
 
 SCHEMA_ID = "volatool.manifest/1"
 
@@ -176,4 +177,6 @@ def record_of(unit: Unit, result: Result, options: str) -> dict[str, Any]:
 
 def absolute(path: Path) -> str:
     """Return a path that means the same in whatever folder the next run is started."""
+    if is_url(path):
+        return str(path).rstrip("/")
     return os.path.abspath(path)  # noqa: PTH100  as named: links are not followed

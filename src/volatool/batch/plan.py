@@ -8,6 +8,7 @@ from pathlib import Path
 
 from volatool.errors import InputNotFoundError, OptionError, OutputExistsError
 from volatool.naming import POINT_SUFFIXES, stem
+from volatool.remote.path import RemotePath, is_url, path_of
 
 
 def expand(
@@ -20,7 +21,7 @@ def expand(
     ----------
     arguments : sequence of str
         Files, folders (their files, not those of subfolders), shell patterns, ``@list.txt`` (one
-        name a line), ``-`` (names from `stdin`).
+        name a line), ``-`` (names from `stdin`), and URLs of all these.
     stdin : iterable of str
         The names for ``-``.
     suffixes : tuple of str
@@ -54,9 +55,11 @@ def _expanded(
             for name in stdin:
                 if "\0" in name:
                     raise OptionError("names on stdin hold NUL bytes; give -0 if they end names")
-                yield Path(name)
+                yield path_of(name)
         elif argument.startswith("@"):
-            yield from _listed(Path(argument[1:]))
+            yield from _listed(path_of(argument[1:]))
+        elif is_url(argument):
+            yield from _remote(argument, suffixes)
         elif _is_dir(argument):
             yield from _some(
                 argument,
@@ -76,6 +79,28 @@ def _expanded(
             yield Path(argument)
 
 
+def _remote(url: str, suffixes: tuple[str, ...]) -> Iterator[Path]:
+    """Yield what a URL names: a file, the files of a folder, those that match a pattern."""
+    path = path_of(url)
+    if not isinstance(path, RemotePath):  # file://
+        yield from _expanded([str(path)], (), suffixes)
+        return
+    from volatool.remote import store
+
+    store.filesystem(path)  # what is not installed stops the batch, not each of its tiles
+    if path.url.endswith("/") or not (
+        path.name.lower().endswith(suffixes) or store.has_magic(path) or not store.is_folder(path)
+    ):
+        ends = ", ".join(suffixes)
+        yield from _some(
+            str(path), store.listed(path, suffixes), f"has no file that ends in {ends}"
+        )
+    elif store.has_magic(path):
+        yield from _some(str(path), store.matched(path), "matches nothing")
+    else:
+        yield path
+
+
 def _is_dir(name: str) -> bool:
     try:
         return Path(name).is_dir()
@@ -90,7 +115,7 @@ def _exists(name: str) -> bool:
         return False
 
 
-def _some(argument: str, paths: list[Path], otherwise: str) -> list[Path]:
+def _some(argument: str, paths: Sequence[Path], otherwise: str) -> Sequence[Path]:
     if not paths:
         raise OptionError(f"{argument}: {otherwise}")
     return paths
@@ -103,7 +128,7 @@ def _listed(path: Path) -> list[Path]:
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputNotFoundError(f"{path}: the list of inputs can't be read ({reason})") from error
-    return [Path(line.strip()) for line in lines if line.strip()]
+    return [path_of(line.strip()) for line in lines if line.strip()]
 
 
 def refuse_collisions(inputs: Sequence[Path], outdir: Path | None) -> None:

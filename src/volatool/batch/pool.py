@@ -249,4 +249,5 @@ def _without_interrupts() -> Iterator[None]:
 def _log_level() -> int:
     """Return the least level that a handler of volatool's log takes."""
     handlers = logging.getLogger("volatool").handlers
-    return min((handler.level for handler in handlers), default=logging.WARNING)
+    # 0 would not be the least level but the root logger's
+    return max(1, min((handler.level for handler in handlers), default=logging.WARNING))

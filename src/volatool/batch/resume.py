@@ -14,7 +14,9 @@ from volatool.batch.identity import identify
 from volatool.batch.manifest import absolute
 from volatool.batch.plan import expand
 from volatool.batch.work import digest_of
+from volatool.errors import InputError
 from volatool.options import ConvertOptions
+from volatool.remote.path import is_url, path_of
 
 _FILES = ("depth_from", "cube_from", "like", "params_from", "breaklines", "water")
 """Options that name a file whose content bears on the results."""
@@ -128,7 +130,7 @@ def _same_input(recorded: dict[str, Any], path: Path) -> bool:
 def _is_there(output: dict[str, Any], folder: str) -> bool:
     path: str = output["path"]
     try:
-        size: int = os.stat(path).st_size  # noqa: PTH116  many
+        size: int = path_of(path).stat().st_size if is_url(path) else os.stat(path).st_size  # noqa: PTH116  many
     except (OSError, ValueError):
         return False
     return size == output["size"] and os.path.dirname(path) == folder  # noqa: PTH120
@@ -136,7 +138,7 @@ def _is_there(output: dict[str, Any], folder: str) -> bool:
 
 def _is_intact(output: dict[str, Any]) -> bool:
     try:
-        digest = digest_of(Path(output["path"]))
-    except OSError:
+        digest = digest_of(path_of(output["path"]))
+    except (OSError, InputError):
         return False
     return bool(digest == output["sha256"])

@@ -6,7 +6,7 @@ import contextlib
 import logging
 import os
 from array import array
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from volatool.batch.executor import Executor, Serial, Watcher
@@ -74,8 +74,8 @@ def run_inputs(
     ------
     result : Result
         One per input, in the order in which they finish (``index`` is the input's place in
-        `paths`); for an input that could not be used the report's ``status`` is failed. Close the
-        generator to stop the work: no worker goes on then.
+        `paths`; see `in_order`); for an input that could not be used the report's ``status`` is
+        failed. Close the generator to stop the work: no worker goes on then.
 
     Raises
     ------
@@ -101,16 +101,14 @@ def run_inputs(
             verify=verify,
         )
         logger.warning("%d of %d inputs are done already", sum(is_done), len(paths))
-    elif not overwrite:
-        for path in paths:
-            refuse_existing(planned_outputs(path, options, kind, outdir), overwrite=False)
     if kind != "stats":
+        _refuse_outputs(paths, is_done, options, kind, outdir, overwrite=overwrite or resume)
         for folder in {path.parent for path in paths} if outdir is None else [outdir]:
             if folder.is_dir():
                 sweep(folder)
     sizes = array("q", (0 if is_done[i] else _size(path) for i, path in enumerate(paths)))
     order = array("q", (index for index, done in enumerate(is_done) if not done))
-    if not executor.in_order:  # a large one begun last would end alone
+    if kind != "stats" and not executor.in_order:  # a large one begun last would end alone
         order = array("q", sorted(order, key=lambda index: -sizes[index]))
 
     def units() -> Iterator[Unit]:
@@ -142,6 +140,46 @@ def run_inputs(
         watcher.ended()
         if manifest is not None:
             _list_failed(manifest.path.with_name(FAILED_NAME), failed)
+
+
+def in_order(results: Iterable[Result]) -> Iterator[Result]:
+    """
+    Yield results in the order of the inputs, each as soon as those before it are there.
+
+    Parameters
+    ----------
+    results : iterable of Result
+        Of a run; only those that wait for others are kept. When the run stops early there are gaps.
+    """
+    waiting: dict[int, Result] = {}
+    following = 0
+    for result in results:
+        waiting[result.index] = result
+        while following in waiting:
+            yield waiting.pop(following)
+            following += 1
+    for index in sorted(waiting):
+        yield waiting[index]
+
+
+def _refuse_outputs(
+    paths: Sequence[Path],
+    is_done: Sequence[int],
+    options: ConvertOptions,
+    kind: str,
+    outdir: Path | None,
+    *,
+    overwrite: bool,
+) -> None:
+    """Raise if an output can't be written; some inputs at a time, as they may be very many."""
+    for start in range(0, len(paths), 1000):
+        targets = [
+            target
+            for index in range(start, min(start + 1000, len(paths)))
+            if not is_done[index]
+            for target in planned_outputs(paths[index], options, kind, outdir)
+        ]
+        refuse_existing(targets, overwrite)
 
 
 def _size(path: Path) -> int:

@@ -40,8 +40,6 @@ class Unit:
         Replace outputs that exist.
     with_digests : bool
         Read the outputs once more for their digests.
-    threads : int, optional
-        Cores that this unit may use; all by default.
     attempt : int
         Counts from 1.
     """
@@ -53,7 +51,6 @@ class Unit:
     outdir: Path | None = None
     overwrite: bool = False
     with_digests: bool = False
-    threads: int | None = None
     attempt: int = 1
 
     def again(self) -> Unit:

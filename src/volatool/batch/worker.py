@@ -148,7 +148,7 @@ def prepare() -> None:
             fcntl.flock(file, fcntl.LOCK_EX)
         if next(folder.rglob("*.nbc"), None) is None:
             # in a process of its own: the compiler's memory is not the tiles'
-            code = "from volatool.doctor import warm_kernels; warm_kernels()"
+            code = "from volatool.warming import warm_kernels; warm_kernels()"
             subprocess.run(
                 [sys.executable, "-c", code],
                 check=False,

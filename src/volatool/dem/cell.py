@@ -121,12 +121,12 @@ def choose_cell(
 
 def occupied(points: SurfacePoints, grid: Grid) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     """Return the (h, w) array of uint8 that is 1 in cells that hold a point of the surface."""
-    from volatool.kernels import binning
+    from volatool.kernels import surface
 
     cells = np.zeros((grid.height, grid.width), np.uint8)
+    lattice = grid.lattice(points.scale, points.offset)
     for rows in points.pieces():
-        col, row = grid.places(rows, points.scale, points.offset)
-        binning.mark(col, row, cells)
+        surface.mark_cells(rows, lattice, cells)
     return cells
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,13 +18,13 @@ from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
 from volatool.emap.tuning import Net, Tuned
 from volatool.model import F64, Progress, no_progress
 from volatool.scratch import Scratch
+from volatool.threads import Crew
 
 if TYPE_CHECKING:
     from volatool.dem.barriers import Placed
     from volatool.dem.robust import Robust
     from volatool.dem.surfaces import Dem
     from volatool.emap.cuts import Cuts
-    from volatool.emap.lines import Lines
 
 
 def fit(
@@ -35,6 +36,7 @@ def fit(
     progress: Progress,
     barriers: Placed | None = None,
     robust: Robust | None = None,
+    threads: int = 1,
 ) -> tuple[F64, dict[str, Any]]:
     """
     Solve net after net.
@@ -57,6 +59,8 @@ def fit(
         What no spring crosses.
     robust : Robust, optional
         Tells which points hardly count.
+    threads : int
+        Never changes the result.
 
     Returns
     -------
@@ -65,11 +69,11 @@ def fit(
     solver : dict
         The report's ``dem.solver``.
     """
-    evidence = _evidence(points, outer, tuned.springs, dem, barriers, robust)
+    evidence = _evidence(points, outer, tuned.springs, dem, barriers, robust, threads)
     if barriers is not None:
         barriers.hold(evidence, tuned.springs.weight)
     cuts = None if barriers is None else barriers.cuts
-    z, infos = solve_nets(evidence, tuned.nets, tol, cuts, progress)
+    z, infos = solve_nets(evidence, tuned.nets, tol, cuts, progress, threads)
     springs = tuned.nets[0].springs
     return z, {
         "method": infos[0].method,
@@ -89,6 +93,7 @@ def solve_nets(
     tol: float,
     cuts: Cuts | None = None,
     progress: Progress = no_progress,
+    threads: int = 1,
 ) -> tuple[F64, list[SolveInfo]]:
     """
     Solve net after net, each for what the ones before leave of the points' heights.
@@ -105,6 +110,8 @@ def solve_nets(
         Springs that are missing.
     progress : callable
         Told the iterations.
+    threads : int
+        Threads of each solve; the heights are the same for any number.
 
     Returns
     -------
@@ -137,6 +144,7 @@ def solve_nets(
             consume=is_last,
             progress=tell,
             cuts=cuts,
+            threads=threads,
         )
         if level is not None:
             scratch.free(level)
@@ -170,41 +178,41 @@ def _evidence(
     dem: Dem,
     barriers: Placed | None,
     robust: Robust | None,
+    threads: int,
 ) -> Evidence:
     """Sum the springs of the points and set the DEM's counts."""
-    from volatool.kernels import binning
+    from volatool.kernels import binning, surface
 
     lines = None if barriers is None else barriers.lines
     evidence = Evidence(outer.height, outer.width, dem.scratch)
-    for first, last in evidence.windows():
-        for _, col, row, heights in readings(points, outer):
-            weights = None if robust is None else robust.weights(col, row, heights)
-            evidence.add(col, row, heights, springs, (first, last), weights, lines)
-            # the DEM's rows in this window: its row r is row r + 1 of the outer grid
-            low, high = max(first - 1, 0), last - 1 if last < outer.height else last
-            binning.count(col - 1.0, row - 1.0, low, high, dem.count)
-        evidence.relax(first, last)
-        dem.scratch.relax(dem.count)
+    sums = (evidence.data, evidence.right, dem.count)
+    attachment = (springs.weight, springs.is_nearest)
+    with Crew(threads) as crew:
+        for window in evidence.windows():
+            if lines is None and robust is None:
+                for about in _stored(points, outer):
+                    crew.run(
+                        partial(surface.add_points, *sums, *about, *attachment),
+                        crew.shares(*window),
+                    )
+            else:
+                for _, col, row, heights in readings(points, outer):
+                    weights = None if robust is None else robust.weights(col, row, heights)
+                    evidence.add(col, row, heights, springs, window, weights, lines)
+                    binning.count_inner(col, row, *window, dem.count)
+            evidence.relax(*window)
+            dem.scratch.relax(dem.count)
     return evidence
 
 
-def _read(
-    z: F64,
-    col: F64,
-    row: F64,
-    is_nearest: bool,
-    window: tuple[int, int],
-    lines: Lines | None,
-    out: F64,
-) -> None:
-    """Read a surface at points, each on its own side of the lines."""
-    from volatool.kernels import spring
-    from volatool.kernels.lines import cut_interpolate
-
-    if lines is None:
-        spring.interpolate(z, col, row, is_nearest, *window, out)
-    else:
-        cut_interpolate(z, col, row, is_nearest, *window, *lines.tables, out)
+def _stored(
+    points: SurfacePoints, grid: Grid
+) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int64], np.int64, float]]:
+    """Yield stored points with what `volatool.kernels.surface` makes places and heights from."""
+    lattice = grid.lattice(points.scale, points.offset)
+    zero, step = stored_zero(points), float(points.scale[2])
+    for rows in points.pieces():
+        yield rows, lattice, zero, step
 
 
 def stored_zero(points: SurfacePoints) -> np.int64:
@@ -219,20 +227,38 @@ def sum_of_squares(
     z: F64,
     scratch: Scratch,
     barriers: Placed | None = None,
+    threads: int = 1,
 ) -> float:
     """Return the sum of the squares of point minus surface."""
+    from volatool.kernels import surface
+    from volatool.kernels.lines import cut_interpolate
+
     lines = None if barriers is None else barriers.lines
+    is_nearest = tuned.springs.is_nearest
     sums: list[float] = []
-    cells = 4 * STRIP_CELLS if scratch.spilled_bytes else outer.height * outer.width
+    cells = 4 * STRIP_CELLS if scratch.is_filed(z) else outer.height * outer.width
     windows = list(strips(outer.height, outer.width, cells))
-    for _, col, row, heights in readings(points, outer):
-        fit = np.empty(len(col))
-        for first, last in windows:
-            _read(z, col, row, tuned.springs.is_nearest, (first, last), lines, fit)
-            scratch.relax(z, first, last)
-        fit -= heights
-        sums.append(float(np.nansum(np.square(fit))))  # NaN: lines all round
+    with Crew(threads) as crew:
+        for rows, *about in _stored(points, outer):
+            out = np.empty(len(rows))
+            if lines is not None:
+                col, row = outer.places(rows, points.scale, points.offset)
+            for window in windows:
+                if lines is None:
+                    work = partial(surface.squares, z, rows, *about, is_nearest, *window, out)
+                    crew.run(work, crew.shares(0, len(rows)))
+                else:
+                    cut_interpolate(z, col, row, is_nearest, *window, *lines.tables, out)
+                scratch.relax(z, *window)
+            if lines is not None:
+                out = np.square(out - _heights(rows, points))
+            sums.append(float(np.nansum(out)))  # NaN: off the grid, or lines all round
     return math.fsum(sums)
+
+
+def _heights(rows: NDArray[np.int32], points: SurfacePoints) -> F64:
+    """Return heights above `stored_zero`."""
+    return np.asarray((rows[:, 2] - stored_zero(points)) * points.scale[2], np.float64)
 
 
 def readings(
@@ -248,10 +274,8 @@ def readings(
     grid : Grid
         Their places are in its cells.
     """
-    zero = stored_zero(points)
     for rows in points.pieces():
-        heights = np.asarray((rows[:, 2] - zero) * points.scale[2], np.float64)
-        yield rows, *grid.places(rows, points.scale, points.offset), heights
+        yield rows, *grid.places(rows, points.scale, points.offset), _heights(rows, points)
 
 
 def fit_nets(

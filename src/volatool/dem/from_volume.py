@@ -115,7 +115,7 @@ def volume_dem(
     source = _VolumeSource(path.name, crs)
     springs = shared_parameters(options, crs)
     gatherer = gather_voxels(volume, options.surface, scratch)
-    points = gatherer.result(crs)
+    points = gatherer.result(crs, threads=resources.n_threads())
     points = replace(
         points,
         ground_source=_SOURCES[points.ground_source],

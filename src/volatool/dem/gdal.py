@@ -16,6 +16,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from volatool.errors import FormatError, InputNotFoundError, OutputError
+from volatool.remote.path import RemotePath
 from volatool.scratch import no_space
 
 BLOCK = 512
@@ -103,6 +104,16 @@ def opened(path: Path, driver: str | None = None) -> Iterator[Any]:
     """
     import rasterio
 
+    if isinstance(path, RemotePath):
+        from volatool.remote.ranges import open_url
+
+        with (
+            open_url(path) as stream,
+            gdal(path, is_output=False),
+            rasterio.open(stream, driver=driver) as file,
+        ):
+            yield file
+        return
     if not path.exists():
         raise InputNotFoundError(f"{path}: no such file")
     with gdal(path, is_output=False), rasterio.open(path, driver=driver) as file:

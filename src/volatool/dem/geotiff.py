@@ -25,6 +25,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool import resources
 from volatool._version import __version__
 from volatool.dem.gdal import BLOCK, gdal
 from volatool.dem.grid import Grid
@@ -35,6 +36,9 @@ from volatool.errors import OutputError
 from volatool.scratch import no_space
 
 Layer = Literal["flag", "count", "distance", "sigma"]
+
+MAX_THREADS = 4
+"""Threads that pack the tiles of a file; the bytes don't depend on their number."""
 
 _DESCRIPTIONS = {
     "dtm": "elevation, bare earth",
@@ -49,6 +53,18 @@ _DESCRIPTIONS = {
     "count": "points of the surface per cell",
     "distance": "distance to the nearest measured cell",
     "sigma": "standard error of the elevation at the cell's centre",
+}
+
+
+_COG = {
+    "driver": "COG",
+    "COMPRESS": "DEFLATE",
+    "LEVEL": "6",
+    "PREDICTOR": "YES",
+    "BLOCKSIZE": str(BLOCK),
+    "OVERVIEWS": "IGNORE_EXISTING",
+    "BIGTIFF": "IF_SAFER",
+    "GEOTIFF_VERSION": "1.1",
 }
 
 
@@ -147,6 +163,40 @@ def _profile(
     }
 
 
+def copy_as_cog(source: Path, path: Path, *, is_float: bool, directory: Path | None = None) -> None:
+    """
+    Write a raster again as a Cloud-Optimised GeoTIFF, block by block, its tags too.
+
+    Parameters
+    ----------
+    source, path : pathlib.Path
+        Any raster, such as a VRT; the output, replaced when it exists.
+    is_float : bool
+        Overviews are means; else the most frequent values.
+    directory : pathlib.Path, optional
+        For GDAL's temporary files; the system's by default.
+
+    Raises
+    ------
+    OutputError
+        The file could not be written. Reading it back is the caller's.
+    """
+    import rasterio.shutil
+
+    with _temporary_folder(directory) as folder, gdal(path, is_output=True, temporary=folder):
+        rasterio.shutil.copy(
+            source,
+            path,
+            OVERVIEW_RESAMPLING="AVERAGE" if is_float else "MODE",
+            NUM_THREADS=_threads(),
+            **_COG,
+        )
+
+
+def _threads() -> str:
+    return str(min(MAX_THREADS, resources.n_threads()))
+
+
 @contextlib.contextmanager
 def _temporary_folder(directory: Path | None) -> Iterator[Path]:
     """Make a folder for GDAL's temporary files."""
@@ -212,16 +262,9 @@ def _write(
         rasterio.shutil.copy(
             plain,
             path,
-            driver="COG",
-            COMPRESS="DEFLATE",
-            LEVEL="6",
-            PREDICTOR="YES",
-            BLOCKSIZE=str(BLOCK),
-            OVERVIEWS="IGNORE_EXISTING",
             OVERVIEW_RESAMPLING=resampling,
-            BIGTIFF="IF_SAFER",
-            NUM_THREADS="1",
-            GEOTIFF_VERSION="1.1",
+            NUM_THREADS=_threads(),
+            **_COG,
         )
     # GDAL takes a full disk at the end of a file for success: read all of it
     problems = check_dem(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -102,15 +103,44 @@ class Grid:
         """
         from volatool.kernels import binning
 
-        left, top, cell = self.exact
-        result = []
-        for axis, (origin, sign, n) in enumerate(((left, 1, self.width), (top, -1, self.height))):
-            slope = sign * as_fraction(scale[axis]) / cell
-            intercept = sign * (as_fraction(offset[axis]) - origin) / cell
-            out = np.empty(len(rows))
-            binning.places(rows, axis, *_integers(slope, intercept, n), out)
-            result.append(out)
-        return result[0], result[1]
+        col, row = np.empty(len(rows)), np.empty(len(rows))
+        binning.places(rows, self.lattice(scale, offset), col, row)
+        return col, row
+
+    def lattice(
+        self, scale: tuple[float, float, float], offset: tuple[float, float, float]
+    ) -> NDArray[np.int64]:
+        """
+        Return the integers that `volatool.kernels.binning.places` places stored points by.
+
+        Parameters
+        ----------
+        scale, offset : tuple of 3 float
+            Of the stored integers.
+
+        Returns
+        -------
+        lattice : (2, 4) array of int64
+            zero, factor, shift, length of the columns and the rows.
+        """
+        return _lattice(self.exact, self.width, self.height, tuple(scale[:2]), tuple(offset[:2]))
+
+
+@functools.lru_cache(maxsize=16)
+def _lattice(
+    exact: tuple[Fraction, Fraction, Fraction],
+    width: int,
+    height: int,
+    scale: tuple[float, ...],
+    offset: tuple[float, ...],
+) -> NDArray[np.int64]:
+    left, top, cell = exact
+    axes = []
+    for axis, (origin, sign, n) in enumerate(((left, 1, width), (top, -1, height))):
+        slope = sign * as_fraction(scale[axis]) / cell
+        intercept = sign * (as_fraction(offset[axis]) - origin) / cell
+        axes.append(_integers(slope, intercept, n))
+    return np.array(axes, np.int64)
 
 
 def _integers(slope: Fraction, intercept: Fraction, n: int) -> tuple[int, int, int, int]:

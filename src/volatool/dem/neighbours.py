@@ -8,7 +8,7 @@ buffer grows beyond it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from volatool import resources
 from volatool.dem.cell import mean_spacing, occupied
 from volatool.dem.gather import ROW, SHARE, Beyond, SurfaceGatherer, SurfacePoints
 from volatool.dem.grid import Grid, extended
@@ -103,7 +104,7 @@ def _neighbour(path: Path, stamp: tuple[int, int], options: ConvertOptions) -> N
         return Neighbour(path, box, source.crs)
 
 
-def find_neighbours(source: Source, options: ConvertOptions) -> list[Neighbour]:
+def find_neighbours(source: Source, options: ConvertOptions, box: Box) -> list[Neighbour]:
     """
     Return the files named by ``--neighbours`` but the tile itself, their headers read.
 
@@ -112,7 +113,10 @@ def find_neighbours(source: Source, options: ConvertOptions) -> list[Neighbour]:
     source : Source
         The tile.
     options : ConvertOptions
-        Names: folders, files, patterns, ``@list``; CRS options hold for neighbours too.
+        Names: folders, files, patterns, ``@list``; CRS options hold for neighbours too. Of an index
+        of headers (``NAME.set.json``) those near the tile are taken, and no header is read.
+    box : tuple of 4 Fraction
+        No buffer is wider: left, bottom, right, top.
 
     Raises
     ------
@@ -120,10 +124,14 @@ def find_neighbours(source: Source, options: ConvertOptions) -> list[Neighbour]:
         As of the neighbour's own; ``E_NOT_FOUND`` for one that is not there.
     """
     from volatool.batch.plan import expand
+    from volatool.catalog.headers import SET_SUFFIX, opening_options
 
     own = Path(source.path).resolve()
     found = []
-    for path in expand(options.neighbours):
+    names = [name for name in options.neighbours if not name.endswith(SET_SUFFIX)]
+    for name in set(options.neighbours).difference(names):
+        found += [item for item in _indexed(Path(name), box) if item.path != own]
+    for path in expand(names) if names else ():
         if path.resolve() == own:
             continue
         try:
@@ -132,7 +140,7 @@ def find_neighbours(source: Source, options: ConvertOptions) -> list[Neighbour]:
         except (OSError, ValueError):
             stamp = (0, 0)  # opening it says what is wrong
         try:
-            neighbour = _neighbour(path, stamp, _plain(options))
+            neighbour = _neighbour(path, stamp, opening_options(options))
         except VolatoolError as error:
             raise type(error)(f"neighbour {error}", error.code) from error
         if neighbour is not None:
@@ -140,12 +148,19 @@ def find_neighbours(source: Source, options: ConvertOptions) -> list[Neighbour]:
     return found
 
 
-def _plain(options: ConvertOptions) -> ConvertOptions:
-    """Return the options that bear on how a file is opened."""
-    from volatool.options import ConvertOptions
+def _indexed(path: Path, box: Box) -> list[Neighbour]:
+    """Return the files of an index that a box meets."""
+    from volatool.catalog.headers import read_set
 
-    names = ("crs", "crs_default", "to_crs", "salvage", "strict")
-    return ConvertOptions(**{name: getattr(options, name) for name in names})
+    index = read_set(path)
+    found = []
+    for number in index.near(*(float(side) for side in box)):
+        left, bottom, _, right, top, _ = (float(side) for side in index.boxes[number])
+        sides = None
+        if not math.isnan(left):
+            sides = (as_fraction(left), as_fraction(bottom), as_fraction(right), as_fraction(top))
+        found.append(Neighbour(index.paths[number], sides, index.crs_at(number)))
+    return found
 
 
 def meet_neighbours(
@@ -174,7 +189,6 @@ def meet_neighbours(
     gap : float
         ``max_gap`` in cells: what is filled depends on points up to twice as far away.
     """
-    files = find_neighbours(source, options)
     # with --like the cells may go on where no file is: that is no gap
     tile = sides_of(own) if surface.box is None else common(sides_of(own), surface.box)
     spacing = surface.spacing(source.crs) / own.cell
@@ -186,12 +200,13 @@ def meet_neighbours(
     if options.buffer is not None:
         length = options.buffer.in_units(source.crs.metres_per_unit_xy)
         cells = math.ceil(length / own.exact[2])
+    files = find_neighbours(source, options, sides_of(own.padded(max(MOST_CELLS, cells))))
     while True:
         box, near, grid = _reach(files, own, cells)
         for item in near:
             _check_crs(item, source)
         beyond, used, warnings = _read(near, box, surface, options, scratch)
-        points = surface.result(source.crs, beyond)
+        points = surface.result(source.crs, beyond, resources.n_threads())
         spacing = mean_spacing(points, source.crs.metres_per_unit_xy) / own.cell
         needed, is_open = _needed(points, own, tile, grid, near, spacing)
         wider = min(max(MOST_CELLS, cells), max(needed, 3 * cells if is_open else 0))
@@ -275,21 +290,13 @@ def _read(
 ) -> tuple[Beyond, list[str], list[CodedWarning]]:
     """Read the points of the neighbours inside a box."""
     from volatool.points.reader import PointSource
-    from volatool.points.select import Selection
+    from volatool.points.select import selection_for
     from volatool.tile import open_source
 
     beyond = Beyond(Spool(scratch, ROW, SHARE))
     used, warnings = [], []
     sides = (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
-    selection = Selection(
-        classes=None if options.classes is None else frozenset(options.classes),
-        exclude_classes=frozenset(options.exclude_classes or ()),
-        returns=options.returns,
-        keep_withheld=options.keep_withheld,
-        keep_noise=options.keep_noise,
-        bounds=Bounds(*sides),
-        thin=options.thin or 1,
-    )
+    selection = replace(selection_for(options), bounds=Bounds(*sides))
     for item in near:
         before, n_seen, n_ground = len(beyond.spool), 0, 0
         with open_source(item.path, options) as source:

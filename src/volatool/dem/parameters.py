@@ -8,11 +8,20 @@ import statistics
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from volatool.errors import FormatError, InputNotFoundError, OptionError
+from volatool.errors import FormatError, InputError, InputNotFoundError, OptionError
 from volatool.model import CrsInfo, as_fraction
+
+if TYPE_CHECKING:
+    from volatool.catalog.headers import HeaderIndex
+    from volatool.options import ConvertOptions
+    from volatool.points.source import Source
+
+MEASURED_TILES = 9
+"""Tiles of a set that are read to find what all have in common."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +65,17 @@ def read_parameters(path: Path) -> Parameters:
     OptionError
         The reports' cells or units differ.
     """
+    try:
+        state = path.stat()
+        stamp = (state.st_mtime_ns, state.st_size)
+    except (OSError, ValueError):
+        stamp = (0, 0)  # reading it says what is wrong
+    return _read_parameters(path, stamp)
+
+
+@lru_cache(maxsize=2)  # each tile of a set asks, more than once
+def _read_parameters(path: Path, stamp: tuple[int, int]) -> Parameters:
+    del stamp  # a file that has changed is another one
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
@@ -103,6 +123,74 @@ def _documents(path: Path, text: str) -> list[Mapping[str, Any]]:
     if not all(isinstance(document, Mapping) for document in documents):
         raise FormatError(f"{path}: not a report, nor one a line", "E_NOT_REPORT")
     return documents
+
+
+def measure_parameters(
+    index: HeaderIndex, options: ConvertOptions, most: int = MEASURED_TILES
+) -> Parameters:
+    """
+    Return what the tiles of a set have in common, measured on some of them.
+
+    Parameters
+    ----------
+    index : HeaderIndex
+        The tiles, at least one.
+    options : ConvertOptions
+        ``cell`` and the selection of points.
+    most : int
+        Tiles that are read: of those with at least a quarter of the median number of points, at
+        equal steps through the list.
+
+    Returns
+    -------
+    parameters : Parameters
+        The spacing of the points of all of them taken together; the cell that was asked for, or
+        the median of those that the rule for one tile chooses.
+    """
+    from volatool.tile import open_source
+
+    enough = statistics.median(index.n_points) / 4
+    numbers = [number for number, n in enumerate(index.n_points) if n >= enough]
+    steps = min(most, len(numbers))
+    chosen = [numbers[k * len(numbers) // steps] for k in range(steps)]
+    measured = []
+    for number in chosen:
+        with open_source(index.paths[number], options) as source:
+            measured.append(_measured(source, options))
+    crs = index.crs_at(chosen[0])
+    # areas and points are summed, not spacings: so it is that of the points of all in one
+    area = sum(spacing**2 * n for spacing, n, _ in measured)
+    n_points = sum(n for _, n, _ in measured)
+    if not n_points:
+        raise InputError("none of the tiles that were looked at has a point for the surface")
+    if isinstance(options.cell, str):
+        cell = statistics.median_low([cell for _, n, cell in measured if n])
+    else:
+        cell = options.cell.in_units(crs.metres_per_unit_xy)
+    return Parameters(cell, math.sqrt(area / n_points), crs.unit_xy)
+
+
+def _measured(source: Source, options: ConvertOptions) -> tuple[float, int, Fraction]:
+    """Return spacing and number of a tile's surface points, and the cell that suits them."""
+    from volatool import resources
+    from volatool.dem.cell import choose_cell, mean_spacing
+    from volatool.dem.gather import SurfaceGatherer
+    from volatool.points.select import selection_for
+    from volatool.scratch import Scratch
+
+    unit = source.crs.metres_per_unit_xy
+    selection = selection_for(options)
+    with Scratch(resources.working_budget(options.memory)) as scratch:
+        surface = SurfaceGatherer(options.surface, scratch, source.header.dimensions)
+        names = selection.attributes(source.header) | surface.attributes
+        for chunk in source.chunks(names, options.chunk_points):
+            mask = selection.mask(chunk, {})
+            surface.add(chunk if mask is None else chunk.take(mask))
+        points = surface.result(source.crs)
+        try:
+            return mean_spacing(points, unit), len(points), choose_cell(points, unit).cell
+        finally:
+            points.close()
 
 
 def check_unit(parameters: Parameters, crs: CrsInfo) -> None:

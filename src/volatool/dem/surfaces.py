@@ -175,6 +175,7 @@ def make_dem(
     barriers: Barriers | None = None,
     with_noise: bool = False,
     robust: bool = False,
+    threads: int = 1,
 ) -> Dem:
     """
     Make a DEM.
@@ -212,6 +213,8 @@ def make_dem(
         Tell the points' noise by blocks, for standard errors: costs as much again as the surface.
     robust : bool
         Find the points that lie far off all others and let them hardly count.
+    threads : int
+        Never changes the result.
 
     Returns
     -------
@@ -266,7 +269,7 @@ def make_dem(
 
         unit = float(crs.metres_per_unit_z or 1)
         trusted = find_far_off(used, outer, tuned.springs, unit, scratch)
-    z, solver = fit(used, outer, tuned, dem, tol, progress, placed, trusted)
+    z, solver = fit(used, outer, tuned, dem, tol, progress, placed, trusted, threads)
     if trusted is not None:
         solver["robust"] = trusted.to_dict()
         scratch.free(trusted.z)
@@ -277,7 +280,8 @@ def make_dem(
         scratch.free(freedom)
         dem = replace(dem, noise=noise, residual_rmse=noise.residual_rms, noise_sigma=noise.sigma)
     else:
-        rms = math.sqrt(sum_of_squares(used, outer, tuned, z, scratch, placed) / len(used))
+        squares = sum_of_squares(used, outer, tuned, z, scratch, placed, threads)
+        rms = math.sqrt(squares / len(used))
         part = degrees_of_freedom(tuned.nets, grid.cell, s)
         sigma = rms / math.sqrt(1 - part) if part < MAX_FREEDOM else None
         dem = replace(dem, residual_rmse=rms, noise_sigma=sigma)

@@ -6,7 +6,7 @@ later one wins unless it is void there, as in ``gdalbuildvrt``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -37,7 +37,11 @@ class _Raster:
         return float(self.profile["bounds"][3])
 
 
-def mosaic(paths: Sequence[Path]) -> bytes:
+def mosaic(
+    paths: Sequence[Path],
+    tags: Mapping[str, str] | None = None,
+    band_tags: Mapping[str, str] | None = None,
+) -> bytes:
     """
     Return the VRT of rasters that stand in one folder, to be written into it.
 
@@ -45,6 +49,8 @@ def mosaic(paths: Sequence[Path]) -> bytes:
     ----------
     paths : sequence of pathlib.Path
         One-band rasters, at least one, in the order in which they lie on each other.
+    tags, band_tags : mapping of str to str, optional
+        Metadata of the data set and of its band.
 
     Returns
     -------
@@ -80,9 +86,8 @@ def mosaic(paths: Sequence[Path]) -> bytes:
         _text(root, "SRS", first.profile["crs_wkt2"], dataAxisToSRSAxisMapping="1,2")
     _text(root, "GeoTransform", f"{left!r}, {cell!r}, 0.0, {top!r}, 0.0, {-cell!r}")
     area = first.profile["tags"].get("AREA_OR_POINT", "Area")
-    metadata = ElementTree.SubElement(root, "Metadata")
-    _text(metadata, "MDI", area, key="AREA_OR_POINT")
-    _band(root, first.profile, rasters, places)
+    _metadata(root, {"AREA_OR_POINT": area, **(tags or {})})
+    _band(root, first.profile, rasters, places, band_tags or {})
     ElementTree.indent(root)
     text: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=False)
     return text + b"\n"
@@ -93,10 +98,13 @@ def _band(
     profile: dict[str, Any],
     rasters: Sequence[_Raster],
     places: Sequence[tuple[int, int]],
+    tags: Mapping[str, str],
 ) -> None:
     kind = _TYPES[profile["dtype"]]
     nodata = profile["nodata"]
     band = ElementTree.SubElement(root, "VRTRasterBand", {"dataType": kind, "band": "1"})
+    if tags:
+        _metadata(band, tags)
     if profile["description"]:
         _text(band, "Description", profile["description"])
     if nodata is not None:
@@ -126,6 +134,12 @@ def _band(
         ElementTree.SubElement(source, "DstRect", {"xOff": str(col), "yOff": str(row), **size})
         if nodata is not None:
             _text(source, "NODATA", f"{nodata!r}")
+
+
+def _metadata(parent: ElementTree.Element, tags: Mapping[str, str]) -> None:
+    metadata = ElementTree.SubElement(parent, "Metadata")
+    for key, value in sorted(tags.items()):
+        _text(metadata, "MDI", value, key=key)
 
 
 def _text(

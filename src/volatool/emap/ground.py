@@ -9,7 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from fractions import Fraction
-from typing import Protocol
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from volatool.emap.solve import solve
 from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
 from volatool.model import F64, I64, Bool, Progress, no_progress
 from volatool.scratch import Scratch, Spool
+from volatool.threads import Crew
 
 CELLS_M = (16, 8, 4, 2, 1)
 """Edges of the cells in metres, coarse to fine; each is twice the next, so that cells nest."""
@@ -114,13 +116,16 @@ class GroundFilter:
     Parameters
     ----------
     points : StoredPoints
-        All points to fit, whatever their class; read twice. At least one.
+        All points to fit, whatever their class; read once, or twice where the low guard drops any.
+        At least one.
     metres_per_unit_xy, metres_per_unit_z : Fraction or None
         Of the CRS; None counts as 1.
     scratch : Scratch
         Where grids and points live.
     progress : callable
         Told (solves done, solves to do).
+    threads : int
+        Passes over points share their rows of cells among so many.
 
     Attributes
     ----------
@@ -146,6 +151,7 @@ class GroundFilter:
         metres_per_unit_z: Fraction | None = None,
         scratch: Scratch | None = None,
         progress: Progress = no_progress,
+        threads: int = 1,
     ) -> None:
         if points.box is None or not len(points):
             raise ValueError("the ground filter needs points")
@@ -156,10 +162,8 @@ class GroundFilter:
         self.zero = sum(points.z_range) // 2
         self._box = points.box
         self._n_points = len(points)
+        self.crew = Crew(threads)
         self.limits: I64 | None = None
-        if self._n_cells(LOW_CELL_M) <= CELLS_PER_POINT * self._n_points:
-            self.low_grid = grid_for(self._box, LOW_CELL_M / self.unit)
-            self.limits = self._low_limits(points)
         cells_m = self._cells_m()
         spools = self._lowest(points, cells_m)
         before: Grid | None = None
@@ -188,17 +192,30 @@ class GroundFilter:
         ground : (n,) array of bool
             Near the sheet and not below the low guard's limit.
         """
-        fit, slope = np.empty(len(rows)), np.zeros(len(rows))
-        self._read(rows, fit, slope)
-        rise = self._heights(rows) - fit
-        slope *= self.cell_m
-        ground: Bool = rise < ABOVE_M + ABOVE_PER_SLOPE * slope
-        ground &= rise > -(BELOW_M + BELOW_PER_SLOPE * slope)
-        self._drop_low(rows, ground)
-        return ground
+        from volatool.kernels import ground
+
+        keep = np.empty(len(rows), np.bool_)
+        limits = np.empty((0, 0), np.int64) if self.limits is None else self.limits
+        work = partial(
+            ground.near,
+            self.z,
+            rows,
+            *self._stored(self.grid),
+            self.cell_m,
+            (ABOVE_M, ABOVE_PER_SLOPE, BELOW_M, BELOW_PER_SLOPE),
+            self._lattice(self.grid if self.limits is None else self.low_grid),
+            limits,
+            keep,
+        )
+        for window in self._windows(self.z):
+            self.crew.run(partial(work, *window), self.crew.shares(0, len(rows)))
+            self.scratch.relax(self.z, *window)
+            self.scratch.relax(limits)
+        return keep
 
     def free(self) -> None:
-        """Give the memory back; the filter must not be used any more."""
+        """Give the memory back and end the threads; the filter must not be used any more."""
+        self.crew.close()
         self.scratch.free(self.z)
         if self.limits is not None:
             self.scratch.free(self.limits)
@@ -221,41 +238,108 @@ class GroundFilter:
         finer = [cell for cell in CELLS_M[1:] if self._n_cells(cell) <= most]
         return [coarsest, *finer]
 
-    def _windows(self, height: int, width: int) -> list[tuple[int, int]]:
-        """Row windows to pass points in any order for: one, unless arrays are in files."""
-        cells = 4 * STRIP_CELLS if self.scratch.spilled_bytes else height * width
+    def _lattice(self, grid: Grid) -> I64:
+        return grid.lattice(self.scale, self.offset)
+
+    def _stored(self, grid: Grid) -> tuple[I64, int, float]:
+        """Return what the kernels make places and heights of stored points from."""
+        return self._lattice(grid), self.zero, self.step_m
+
+    def _windows(self, array: NDArray[Any]) -> list[tuple[int, int]]:
+        """Row windows of an array to pass points in any order for: one, unless it is in a file."""
+        height, width = array.shape[:2]
+        cells = 4 * STRIP_CELLS if self.scratch.is_filed(array) else height * width
         return list(strips(height, width, cells))
 
-    def _extremes(
-        self, pieces: Iterable[NDArray[np.int32]], grid: Grid, first: int, last: int,
-        best: NDArray[np.int32], counts: NDArray[np.uint32],
-    ) -> None:  # fmt: skip
-        """Find the lowest point of each cell of some rows."""
-        from volatool.kernels import binning
+    def _lowest(self, points: StoredPoints, cells_m: list[int]) -> list[Spool]:
+        """Return the lowest point of each cell, by rows of cells, for each cell size."""
+        best = self._lowest_of(points.pieces, self._grid(cells_m[-1]))
+        if LOW_CELL_M in cells_m:
+            self._guard(points, best, self._grid(cells_m[-1]))
+        spools = [self._spooled(best)]
+        for cell_m in reversed(cells_m[:-1]):
+            # cells nest: the lowest of the finer cells' lowest
+            spools.insert(
+                0, self._spooled(self._lowest_of(_writable(spools[0]), self._grid(cell_m)))
+            )
+        return spools
 
-        for rows in pieces:
-            col, row = grid.places(rows, self.scale, self.offset)
-            binning.extreme(rows, col, row, 1, first, last, best, counts)
-        self.scratch.relax(best, first, last)
-        self.scratch.relax(counts, first, last)
+    def _lowest_of(
+        self, source: Callable[[], Iterable[NDArray[np.int32]]], grid: Grid
+    ) -> NDArray[np.int32]:
+        """Return the (h, w, 3) array of the lowest point of each cell."""
+        from volatool.kernels import ground
 
-    def _low_limits(self, points: StoredPoints) -> I64 | None:
+        scratch = self.scratch
+        best: NDArray[np.int32] = scratch.zeros((grid.height, grid.width, 3), np.int32)
+        lattice = self._lattice(grid)
+        for first, last in self._windows(best):
+            best[first:last] = ground.NONE
+            for rows in source():
+                work = partial(ground.lowest, best, rows, lattice)
+                self.crew.run(work, self.crew.shares(first, last))
+            scratch.relax(best, first, last)
+        return best
+
+    def _spooled(self, best: NDArray[np.int32]) -> Spool:
+        """Return the lowest points by rows of cells; their array is given back."""
+        from volatool.kernels import ground
+
+        spool = Spool(self.scratch, ROW, share=0.5)
+        for start, stop in strips(*best.shape[:2]):
+            spool.append(ground.take_lowest(best, start, stop))
+            self.scratch.relax(best, start, stop)
+        self.scratch.free(best)
+        return spool
+
+    def _guard(self, points: StoredPoints, best: NDArray[np.int32], grid: Grid) -> None:
+        """Set the limits of the low guard, and replace lowest points that it drops."""
+        from volatool.kernels import ground
+
+        scratch = self.scratch
+        self.low_grid = self._grid(LOW_CELL_M)
+        lows = self._lowest_of(partial(self._taken, best), self.low_grid)
+        self.limits = self._low_limits(lows)
+        scratch.free(lows)
+        if self.limits is None:
+            return
+        again = scratch.zeros(best.shape[:2], np.uint8)
+        lattices = self._lattice(grid), self._lattice(self.low_grid)
+        n_again = 0
+        for start, stop in strips(*again.shape):
+            n_again += ground.drop_low(best, lattices[1], self.limits, start, stop, again)
+            for array in (best, again):
+                scratch.relax(array, start, stop)
+            scratch.relax(self.limits)
+        for first, last in self._windows(best) if n_again else ():
+            for rows in points.pieces():
+                arrays = (best, rows, lattices[0], again, lattices[1], self.limits)
+                self.crew.run(partial(ground.lowest_again, *arrays), self.crew.shares(first, last))
+            for array in (best, again):
+                scratch.relax(array, first, last)
+            scratch.relax(self.limits)
+        scratch.free(again)
+
+    def _taken(self, best: NDArray[np.int32]) -> Iterator[NDArray[np.int32]]:
+        """Yield lowest points by rows of cells."""
+        from volatool.kernels import ground
+
+        for start, stop in strips(*best.shape[:2]):
+            yield ground.take_lowest(best, start, stop)
+            self.scratch.relax(best, start, stop)
+
+    def _low_limits(self, lows: NDArray[np.int32]) -> I64 | None:
         """Return the limits of the low guard; None without any."""
         from volatool.kernels import ground
 
-        scratch, shape = self.scratch, (self.low_grid.height, self.low_grid.width)
-        best = scratch.zeros((*shape, 3), np.int32)
-        counts = scratch.zeros(shape, np.uint32)
-        for first, last in self._windows(*shape):
-            self._extremes(points.pieces(), self.low_grid, first, last, best, counts)
+        scratch, shape = self.scratch, lows.shape[:2]
         drop = LOW_DROP_M / self.step_m
         found: I64 = scratch.zeros(shape, np.int64)
         limits: I64 = scratch.zeros(shape, np.int64)
         for start, stop in strips(*shape):
-            ground.low_limits(best, counts, drop, LOW_REACH, LOW_PART, start, stop, found)
-            for array in (best, counts, found):
+            ground.low_limits(lows, drop, LOW_REACH, LOW_PART, start, stop, found)
+            for array in (lows, found):
                 scratch.relax(array, start, stop)
-        scratch.free(best, counts)
         is_any = False
         for start, stop in strips(*shape):
             ground.spare_large(found, LOW_GROUP, start, stop, limits)
@@ -268,86 +352,38 @@ class GroundFilter:
         scratch.free(limits)
         return None
 
-    def _drop_low(self, rows: NDArray[np.int32], keep: Bool) -> None:
-        """Clear the flag of points that the low guard drops."""
-        from volatool.kernels import ground
-
-        if self.limits is None:
-            return
-        col, row = self.low_grid.places(rows, self.scale, self.offset)
-        for first, last in self._windows(*self.limits.shape):
-            ground.not_low(rows, col, row, self.limits, first, last, keep)
-            self.scratch.relax(self.limits, first, last)
-
-    def _not_low(self, pieces: Iterable[NDArray[np.int32]]) -> Iterator[NDArray[np.int32]]:
-        for rows in pieces:
-            keep = np.ones(len(rows), np.bool_)
-            self._drop_low(rows, keep)
-            yield rows if keep.all() else rows[keep]
-
-    def _lowest(self, points: StoredPoints, cells_m: list[int]) -> list[Spool]:
-        """Return the lowest point of each cell, by rows of cells, for each cell size."""
-        spools: list[Spool] = []
-        source: Callable[[], Iterable[NDArray[np.int32]]] = points.pieces
-        for cell_m in reversed(cells_m):
-            spool = self._lowest_of(source, self._grid(cell_m), is_all=not spools)
-            spools.insert(0, spool)
-            source = _writable(spool)  # cells nest: the lowest of the finer cells' lowest
-        return spools
-
-    def _lowest_of(
-        self, source: Callable[[], Iterable[NDArray[np.int32]]], grid: Grid, is_all: bool
-    ) -> Spool:
-        from volatool.kernels import binning
-
-        scratch, shape = self.scratch, (grid.height, grid.width)
-        best = scratch.zeros((*shape, 3), np.int32)
-        counts = scratch.zeros(shape, np.uint32)
-        spool = Spool(scratch, ROW, share=0.5)
-        for first, last in self._windows(*shape):
-            pieces = self._not_low(source()) if is_all else source()
-            self._extremes(pieces, grid, first, last, best, counts)
-            for start, stop in strips(last - first, shape[1]):
-                spool.append(binning.take_extremes(best, counts, first + start, first + stop))
-            scratch.relax(best, first, last)
-            scratch.relax(counts, first, last)
-        scratch.free(best, counts)
-        return spool
-
     # the sheet
-
-    def _heights(self, rows: NDArray[np.int32]) -> F64:
-        """Heights in metres above `zero`."""
-        return np.asarray((rows[:, 2] - np.int64(self.zero)) * self.step_m, np.float64)
-
-    def _read(self, rows: NDArray[np.int32], fit: F64, slope: F64) -> None:
-        """Set height and slope of the sheet at points."""
-        from volatool.kernels import ground, spring
-
-        col, row = self.grid.places(rows, self.scale, self.offset)
-        for first, last in self._windows(*self.z.shape):
-            spring.interpolate(self.z, col, row, False, first, last, fit)
-            ground.slopes(self.z, col, row, self.cell_m, first, last, slope)
-            self.scratch.relax(self.z, first, last)
 
     def _fit(self, spool: Spool, is_first: bool) -> None:
         """Solve once more, with weights from the sheet so far."""
         from volatool.kernels import ground
 
         evidence = Evidence(self.grid.height, self.grid.width, self.scratch)
+        sheet = np.empty((0, 0)) if is_first else self.z
         for rows in _writable(spool)():
-            weights: F64 | None = None
-            heights = self._heights(rows)
-            if not is_first:
-                fit, slope = np.empty(len(rows)), np.empty(len(rows))
-                self._read(rows, fit, slope)
-                weights = np.empty(len(rows))
-                ground.pulls(heights - fit, slope, TAU_M, TAU_PER_SLOPE * self.cell_m, weights)
-            col, row = self.grid.places(rows, self.scale, self.offset)
-            evidence.add(col, row, heights, SPRINGS, weights=weights)
+            work = partial(
+                ground.pull,
+                evidence.data,
+                evidence.right,
+                rows,
+                *self._stored(self.grid),
+                sheet,
+                self.cell_m,
+                TAU_M,
+                TAU_PER_SLOPE * self.cell_m,
+            )
+            self.crew.run(work, self.crew.shares(0, self.grid.height))
             evidence.relax()
+            self.scratch.relax(sheet)
         start = None if is_first else self.z
-        z, _ = solve(evidence, SPRINGS, tol=TOLERANCE_M, start=start, consume=True)
+        z, _ = solve(
+            evidence,
+            SPRINGS,
+            tol=TOLERANCE_M,
+            start=start,
+            consume=True,
+            threads=self.crew.threads,
+        )
         if start is not None:
             self.scratch.free(start)
         self.z = z

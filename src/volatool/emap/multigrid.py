@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from volatool.emap.cuts import Cuts
-from volatool.emap.system import Evidence, Springs, strips
+from volatool.emap.system import Evidence, Springs
+from volatool.emap.walk import Walk
 from volatool.model import F64
 from volatool.scratch import Scratch
 
@@ -27,6 +27,9 @@ LEAK = 1.0
 
 STEPS = 3
 """Chebyshev steps before and after the coarser grid."""
+
+NOTHING = np.zeros((0, 0), np.float32)
+"""No coarser grid to come from or to go to."""
 
 
 def chebyshev(steps: int = STEPS) -> list[tuple[float, float]]:
@@ -57,21 +60,23 @@ class Level:
     ----------
     data : (h, 5, w) array
         Data stencil.
-    right, x, d : (h, w) arrays
-        Right side, heights, last smoothing step.
+    right, x : (h, w) arrays
+        Right side, heights.
     kb, km : float32
         Stiffness on this grid.
     edges : (h, 3, w) array, optional
         Factors of cut springs, and the diagonal of what is left of them.
+    spare : (h, w) array, optional
+        Where threads put heights that others still read; changes places with x.
     """
 
     data: NDArray[np.float32]
     right: NDArray[np.float32]
     x: NDArray[np.float32]
-    d: NDArray[np.float32]
     kb: np.float32
     km: np.float32
     edges: NDArray[np.float32] | None = None
+    spare: NDArray[np.float32] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -94,27 +99,37 @@ class Hierarchy:
         Where the grids live.
     cuts : Cuts, optional
         Springs that are missing. A coarse edge is as strong as the weakest fine one on its way.
+    threads : int
+        Threads that share the work; the heights are the same for any number.
     """
 
     def __init__(
-        self, evidence: Evidence, springs: Springs, scratch: Scratch, cuts: Cuts | None = None
+        self,
+        evidence: Evidence,
+        springs: Springs,
+        scratch: Scratch,
+        cuts: Cuts | None = None,
+        threads: int = 1,
     ) -> None:
-
         self.scratch = scratch
-        self.steps = [(np.float32(alpha), np.float32(beta)) for alpha, beta in chebyshev()]
+        self.walk = Walk(scratch, threads)
+        self.steps = np.array(chebyshev(), np.float32)
         height, width = evidence.shape
         self.levels = [self._level(height, width, springs.kb, springs.km)]
         finest = self.levels[0]
-        for start, stop in strips(height, width):
+
+        def copy(start: int, stop: int) -> None:
             finest.data[start:stop] = evidence.data[start:stop]
-            finest.right[start:stop] = evidence.right[start:stop]
-            evidence.relax(start, stop)
-            self._relax(start, stop, finest.data, finest.right)
+
+        self.walk.each(copy, height, width, finest.data, evidence.data)
+        self.load(evidence)
         if cuts is not None:
-            finest.edges = self.scratch.zeros((height, 3, width), np.float32)
-            for start, stop in strips(height, width):
-                finest.edges[start:stop, :2] = cuts.edges[start:stop]
-                self._relax(start, stop, finest.edges, cuts.edges)
+            edges = finest.edges = self.scratch.zeros((height, 3, width), np.float32)
+
+            def copy_edges(start: int, stop: int) -> None:
+                edges[start:stop, :2] = cuts.edges[start:stop]
+
+            self.walk.each(copy_edges, height, width, edges, cuts.edges)
             self._stiffen(finest)
         while max(height, width) > COARSEST:
             fine = self.levels[-1]
@@ -125,54 +140,66 @@ class Hierarchy:
         self.inverse = self._invert(self.levels[-1])
 
     def load(self, evidence: Evidence) -> None:
-        """Take the right side of other evidence with the same data springs."""
+        """Take the right side of evidence with the hierarchy's data springs."""
         finest = self.levels[0]
-        for start, stop in strips(*finest.shape):
+
+        def copy(start: int, stop: int) -> None:
             finest.right[start:stop] = evidence.right[start:stop]
-            self._relax(start, stop, finest.right)
+
+        self.walk.each(copy, *finest.shape, finest.right, evidence.right)
 
     def _level(self, height: int, width: int, kb: float, km: float) -> Level:
         zeros = self.scratch.zeros
         shape = (height, width)
-        return Level(
+        level = Level(
             zeros((height, 5, width), np.float32),
-            zeros(shape, np.float32),
             zeros(shape, np.float32),
             zeros(shape, np.float32),
             np.float32(kb),
             np.float32(km),
         )
+        if len(self.walk.bands(height, width)) > 1:
+            level.spare = zeros(shape, np.float32)
+        return level
 
     def _coarsen(self, fine: Level, coarse: Level) -> None:
         """Set data and edges of the coarser grid."""
         from volatool.kernels import cut_multigrid, multigrid
 
         if fine.edges is None:
-            for start, stop in strips(*fine.shape):
-                multigrid.coarsen_data(fine.data, coarse.data, start, stop)
-                self._relax(start, stop, fine.data)
+            self.walk.in_order(
+                lambda start, stop: multigrid.coarsen_data(fine.data, coarse.data, start, stop),
+                *fine.shape,
+                fine.data,
+            )
             return
         height, width = coarse.shape
-        coarse.edges = self.scratch.zeros((height, 3, width), np.float32)
-        for start, stop in strips(height, width):
-            cut_multigrid.coarsen_edges(fine.edges, coarse.edges, start, stop)
-            self._relax(2 * start, min(2 * stop, len(fine.edges)), fine.edges)
+        edges = coarse.edges = self.scratch.zeros((height, 3, width), np.float32)
+        self.walk.in_order(
+            lambda start, stop: cut_multigrid.coarsen_edges(fine.edges, edges, start, stop),
+            *coarse.shape,
+            edges,
+        )
         self._stiffen(coarse)
         leak = np.float32(LEAK * fine.kb + fine.km)
-        for start, stop in strips(*fine.shape):
-            cut_multigrid.cut_coarsen_data(
-                fine.data, fine.edges, coarse.edges, leak, coarse.data, start, stop
-            )
-            self._relax(start, stop, fine.data, fine.edges)
+        self.walk.in_order(
+            lambda start, stop: cut_multigrid.cut_coarsen_data(
+                fine.data, fine.edges, edges, leak, coarse.data, start, stop
+            ),
+            *fine.shape,
+            fine.data,
+            fine.edges,
+        )
 
     def _stiffen(self, level: Level) -> None:
         """Set the diagonal of the springs that are left."""
         from volatool.kernels import cut_spring
 
-        assert level.edges is not None
-        for start, stop in strips(*level.shape):
-            cut_spring.cut_stiffness(level.edges, level.kb, level.km, start, stop)
-            self._relax(start, stop, level.edges)
+        self.walk.each(
+            lambda *rows: cut_spring.cut_stiffness(level.edges, level.kb, level.km, *rows),
+            *level.shape,
+            level.edges,
+        )
 
     @staticmethod
     def _invert(level: Level) -> F64:
@@ -201,12 +228,7 @@ class Hierarchy:
         multigrid.invert(matrix)
         return matrix
 
-    def _relax(self, start: int, stop: int, *arrays: NDArray[Any] | None) -> None:
-        for array in arrays:
-            if array is not None:
-                self.scratch.relax(array, start, stop)
-
-    def cycle(self, first: int = 0, is_zero: bool = True) -> None:
+    def cycle(self, first: int = 0) -> None:
         """
         One V-cycle from a level down: ``x`` of the level from its ``right``.
 
@@ -214,72 +236,99 @@ class Hierarchy:
         ----------
         first : int
             The level; 0 is the finest.
-        is_zero : bool
-            Start from zero heights instead of the level's present ones.
         """
         from volatool.kernels import multigrid
 
         last = len(self.levels) - 1
         for number in range(first, last):
-            level, below = self.levels[number], self.levels[number + 1]
-            self._smooth(level, is_zero or number > first)
-            for start, stop in strips(*level.shape):
-                arrays = (level.data, level.right, level.x)
-                multigrid.restrict_residual(
-                    *arrays, level.kb, level.km, below.right, start, stop, level.edges
-                )
-                self._relax(start, stop, *arrays, level.d, level.edges)
+            self._sweep(number, target=self.levels[number + 1].right)
         coarsest = self.levels[last]
         multigrid.solve_small(self.inverse, coarsest.right, coarsest.x)
         for number in range(last - 1, first - 1, -1):
-            self._prolong(number, keep=True)
-            self._smooth(self.levels[number], is_zero=False)
-
-    def _smooth(self, level: Level, is_zero: bool) -> None:
-        from volatool.kernels import multigrid
-
-        for number, (alpha, beta) in enumerate(self.steps):
-            for start, stop in strips(*level.shape):
-                arrays = (level.data, level.right, level.x, level.d)
-                if is_zero and number == 0:
-                    multigrid.smooth_first(
-                        *arrays, level.kb, level.km, beta, start, stop, level.edges
-                    )
-                else:
-                    multigrid.smooth(
-                        *arrays, level.kb, level.km, alpha, beta, start, stop, level.edges
-                    )
-                self._relax(start, stop, *arrays, level.edges)
-
-    def _prolong(self, number: int, *, keep: bool) -> None:
-        from volatool.kernels import cut_multigrid, multigrid
-
-        level, below = self.levels[number], self.levels[number + 1]
-        factor = np.float32(keep)
-        for start, stop in strips(*level.shape):
-            if level.edges is None:
-                multigrid.prolong(below.x, level.x, factor, start, stop)
-            else:
-                cut_multigrid.cut_prolong(below.x, level.x, factor, level.edges, start, stop)
-            self._relax(start, stop, level.x, level.edges)
+            self._sweep(number, source=self.levels[number + 1].x, adds=True)
 
     def full(self) -> None:
         """Full multigrid: from the coarsest grid up, one V-cycle each, to the finest's ``x``."""
         from volatool.kernels import multigrid
 
         for fine, coarse in zip(self.levels, self.levels[1:], strict=False):
-            for start, stop in strips(*fine.shape):
-                multigrid.restrict_rows(fine.right, coarse.right, start, stop, fine.edges)
-                self._relax(start, stop, fine.right, fine.edges)
-        for number in range(len(self.levels) - 1, -1, -1):
-            if number < len(self.levels) - 1:
-                self._prolong(number, keep=False)
-            self.cycle(number, is_zero=False)
+            arrays = (fine.right, coarse.right)
+            edges = fine.edges
+            self.walk.in_order(
+                lambda *rows, arrays=arrays, edges=edges: multigrid.restrict_rows(
+                    *arrays, *rows, edges
+                ),
+                *fine.shape,
+                fine.right,
+                edges,
+            )
+        last = len(self.levels) - 1
+        self.cycle(last)
+        for number in range(last - 1, -1, -1):
+            below = self.levels[number + 1]
+            self._sweep(number, source=below.x, target=below.right)
+            self.cycle(number + 1)
+            self._sweep(number, source=below.x, adds=True)
+
+    def _sweep(
+        self,
+        number: int,
+        *,
+        source: NDArray[np.float32] = NOTHING,
+        adds: bool = False,
+        target: NDArray[np.float32] = NOTHING,
+    ) -> None:
+        """Smooth a level: from zero heights or coarse ones, and on to the coarser right side."""
+        from volatool.kernels import sweep
+
+        level = self.levels[number]
+        height, width = level.shape
+        bands = self.walk.bands(height, width)
+        out = level.x if len(bands) == 1 or level.spare is None else level.spare
+
+        def walk(work: NDArray[np.float32], band: tuple[int, int], start: int, stop: int) -> None:
+            sweep.sweep(
+                level.data,
+                level.right,
+                level.x,
+                out,
+                level.kb,
+                level.km,
+                self.steps,
+                source,
+                adds,
+                target,
+                work,
+                *band,
+                start,
+                stop,
+                level.edges,
+            )
+
+        def walk_band(first: int, last: int) -> None:
+            work = np.empty((sweep.WORK_ROWS, width), np.float32)
+            walk(work, (first, last), first, last)
+
+        if len(bands) > 1:
+            self.walk.at_once(walk_band, bands)
+            level.x, level.spare = out, level.x
+            return
+        work = np.empty((sweep.WORK_ROWS, width), np.float32)
+        self.walk.in_order(
+            lambda *rows: walk(work, (0, height), *rows),
+            height,
+            width,
+            level.data,
+            level.right,
+            level.x,
+            level.edges,
+        )
 
     def free(self) -> None:
         """Give the memory back."""
         for level in self.levels:
-            self.scratch.free(level.data, level.right, level.x, level.d)
-            if level.edges is not None:
-                self.scratch.free(level.edges)
+            for array in (level.data, level.right, level.x, level.edges, level.spare):
+                if array is not None:
+                    self.scratch.free(array)
         self.levels = []
+        self.walk.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +12,8 @@ from numpy.typing import NDArray
 
 from volatool.emap.cuts import Cuts
 from volatool.emap.multigrid import Hierarchy
-from volatool.emap.system import Evidence, Springs, strips
+from volatool.emap.system import Evidence, Springs
 from volatool.model import F64, Progress, no_progress
-from volatool.scratch import Scratch
 
 METHOD = "multigrid-pcg"
 
@@ -65,6 +65,7 @@ def solve(
     hierarchy: Hierarchy | None = None,
     progress: Progress = no_progress,
     cuts: Cuts | None = None,
+    threads: int = 1,
 ) -> tuple[F64, SolveInfo]:
     """
     Return the heights at which all springs are in balance.
@@ -92,6 +93,8 @@ def solve(
     cuts : Cuts, optional
         Springs that are missing or weaker. Parts of the grid that hang on no point keep the heights
         they start with, zero by default; `Cuts.islands` finds them.
+    threads : int
+        Threads that share the work; a hierarchy that is given has its own.
 
     Returns
     -------
@@ -102,8 +105,8 @@ def solve(
 
     Notes
     -----
-    Dot products are summed by row, in order: the result doesn't depend on the strips, nor on
-    where arrays live. The V-cycle is float32; heights, residuals and directions are float64.
+    Dot products are summed by row, in order: the result doesn't depend on the strips, on threads,
+    nor on where arrays live. The V-cycle is float32; heights, residuals and directions are float64.
     The last preconditioned residual, an estimate of the error, is added in the end.
     """
     limit = max_iterations
@@ -112,33 +115,32 @@ def solve(
     scratch = evidence.scratch
     is_lent = hierarchy is not None
     if hierarchy is None:
-        hierarchy = Hierarchy(evidence, springs, scratch, cuts)
+        hierarchy = Hierarchy(evidence, springs, scratch, cuts, threads)
     else:
         hierarchy.load(evidence)
-    work = _Work(evidence, hierarchy, scratch)
-    norm = work.begin(springs, start, consume)
+    work = _Work(evidence, springs, hierarchy)
+    norm = work.begin(start, consume)
     iterations = 0
-    before = largest = rest = 0.0
+    before = largest = 0.0
     while True:
-        dot, rest, largest = work.precondition()
+        dot, largest = work.precondition()
         progress(iterations, max(8, iterations + 1))
         if not largest >= tol or iterations == limit:
             break
-        work.turn(dot / before if iterations else 0.0)
-        curvature = work.product(springs)
+        curvature = work.advance(dot / before if iterations else 0.0)
         if not curvature > 0:
             break
         work.descend(dot / curvature)
         before = dot
         iterations += 1
-    work.finish()
+    rest = work.finish()
     levels = len(hierarchy.levels)
     if not is_lent:
         hierarchy.free()
     info = SolveInfo(
         iterations,
         largest,
-        math.sqrt(rest) / norm if norm else 0.0,
+        rest / norm if norm else 0.0,
         bool(largest < tol),
         levels,
     )
@@ -146,110 +148,112 @@ def solve(
 
 
 class _Work:
-    """Vectors of the conjugate gradients and the loops over their strips."""
+    """Vectors of the conjugate gradients and the loops over their rows."""
 
-    def __init__(self, evidence: Evidence, hierarchy: Hierarchy, scratch: Scratch) -> None:
+    def __init__(self, evidence: Evidence, springs: Springs, hierarchy: Hierarchy) -> None:
         self.evidence = evidence
+        self.springs = springs
         self.hierarchy = hierarchy
-        self.scratch = scratch
+        self.scratch = evidence.scratch
         self.finest = hierarchy.levels[0]
         self.shape = evidence.shape
-        self.rows = np.empty((3, self.shape[0]))
+        self.dots = np.empty(self.shape[0])
+        self.largest = np.empty(self.shape[0], np.uint32)
+        self.moved = 0.0
 
     def _zeros(self) -> F64:
         array: F64 = self.scratch.zeros(self.shape, np.float64)
         return array
 
-    def _relax(self, start: int, stop: int, *arrays: NDArray[Any] | None) -> None:
-        for array in arrays:
-            if array is not None:
-                self.scratch.relax(array, start, stop)
+    def _each(self, function: Callable[[int, int], object], *arrays: NDArray[Any] | None) -> None:
+        self.hierarchy.walk.each(function, *self.shape, *arrays)
 
-    def begin(self, springs: Springs, start: F64 | None, consume: bool) -> float:
+    def begin(self, start: F64 | None, consume: bool) -> float:
         """Set z and the residual from the evidence; return the norm of the right side."""
-        from volatool.kernels import multigrid, spring
+        from volatool.kernels import conjugate, spring
 
         evidence, finest = self.evidence, self.finest
         if start is None:
             self.hierarchy.full()
-        self.z = self._zeros()
-        for first, last in strips(*self.shape):
-            self.z[first:last] = finest.x[first:last] if start is None else start[first:last]
-            self._relax(first, last, self.z, finest.x)
-        self.product_array = self._zeros()
-        self.residual = evidence.right if consume else self._zeros()
-        data = evidence.data
-        for first, last in strips(*self.shape):
-            spring.apply_rows(
-                data,
-                self.z,
-                springs.kb,
-                springs.km,
-                first,
-                last,
-                self.product_array,
-                self.rows[0],
-                finest.edges,
-            )
-            right = evidence.right[first:last]
-            multigrid.measure(
-                evidence.right, finest.x, first, last, self.rows[0], self.rows[1], self.rows[2]
-            )
-            np.subtract(right, self.product_array[first:last], out=self.residual[first:last])
-            finest.right[first:last] = self.residual[first:last]
-            self._relax(first, last, self.z, data, evidence.right, self.residual)
-            self._relax(first, last, self.product_array, finest.right, finest.x)
-        norm = math.sqrt(math.fsum(self.rows[1]))
+        z = self.z = self._zeros()
+        given = finest.x if start is None else start
+
+        def copy(first: int, last: int) -> None:
+            z[first:last] = given[first:last]
+
+        self._each(copy, z, given)
+        product = self.product = self._zeros()
+        data, right, edges = evidence.data, evidence.right, finest.edges
+        residual = self.residual = right if consume else self._zeros()
+        kb, km = self.springs.kb, self.springs.km
+        self._each(
+            lambda *rows: spring.apply_rows(data, z, kb, km, *rows, product, self.dots, edges),
+            *(data, z, product, edges),
+        )
+        self._each(
+            lambda *rows: conjugate.begin(right, product, residual, finest.right, self.dots, *rows),
+            *(right, product, residual, finest.right),
+        )
         if consume:
             self.scratch.free(data)
             del evidence.data, evidence.right
         self.p = self._zeros()
-        return norm
+        return math.sqrt(math.fsum(self.dots))
 
-    def precondition(self) -> tuple[float, float, float]:
-        """Run a V-cycle on the residual; return r . s, r . r and max abs s."""
-        from volatool.kernels import multigrid
+    def precondition(self) -> tuple[float, float]:
+        """Run a V-cycle on the residual; return its product r . s with the result, max abs s."""
+        from volatool.kernels import conjugate
 
         self.hierarchy.cycle()
-        dots, norms, largest = self.rows
-        for start, stop in strips(*self.shape):
-            multigrid.measure(self.residual, self.finest.x, start, stop, dots, norms, largest)
-            self._relax(start, stop, self.residual, self.finest.x)
-        return math.fsum(dots), math.fsum(norms), float(largest.max())
+        residual, x = self.residual, self.finest.x
+        self._each(
+            lambda *rows: conjugate.measure(residual, x, *rows, self.dots, self.largest),
+            *(residual, x),
+        )
+        return math.fsum(self.dots), float(self.largest.max().view(np.float32))
 
-    def turn(self, beta: float) -> None:
-        """Set the direction from the preconditioned residual and the last one."""
-        from volatool.kernels import multigrid
+    def advance(self, beta: float) -> float:
+        """Move along the last direction, turn to the next one p; return p . H p."""
+        from volatool.kernels import conjugate, spring
 
-        for start, stop in strips(*self.shape):
-            multigrid.turn(self.p, self.finest.x, beta, start, stop)
-            self._relax(start, stop, self.p, self.finest.x)
-
-    def product(self, springs: Springs) -> float:
-        """Set H p; return p . H p."""
-        from volatool.kernels import spring
-
-        data, edges, kb, km = self.finest.data, self.finest.edges, springs.kb, springs.km
-        out, dots = self.product_array, self.rows[0]
-        for start, stop in strips(*self.shape):
-            spring.apply_rows(data, self.p, kb, km, start, stop, out, dots, edges)
-            self._relax(start, stop, data, self.p, out, edges)
-        return math.fsum(self.rows[0])
+        z, p, x, product, dots = self.z, self.p, self.finest.x, self.product, self.dots
+        data, edges = self.finest.data, self.finest.edges
+        kb, km = self.springs.kb, self.springs.km
+        walk = self.hierarchy.walk
+        if len(walk.bands(*self.shape)) > 1:
+            self._each(lambda *rows: conjugate.turn(z, p, x, self.moved, beta, *rows))
+            self._each(
+                lambda *rows: spring.apply_rows(data, p, kb, km, *rows, product, dots, edges)
+            )
+        else:
+            walk.in_order(
+                lambda *rows: conjugate.advance(
+                    z, p, x, self.moved, beta, data, kb, km, product, dots, *rows, edges
+                ),
+                *self.shape,
+                *(z, p, x, data, product, edges),
+            )
+        return math.fsum(dots)
 
     def descend(self, step: float) -> None:
-        """Move along the direction."""
-        from volatool.kernels import multigrid
+        """Take a step along the direction off the residual; the heights follow in `advance`."""
+        from volatool.kernels import conjugate
 
-        arrays = (self.z, self.residual, self.p, self.product_array)
-        for start, stop in strips(*self.shape):
-            multigrid.descend(*arrays, step, self.finest.right, start, stop)
-            self._relax(start, stop, *arrays, self.finest.right)
+        residual, product, force = self.residual, self.product, self.finest.right
+        self._each(
+            lambda *rows: conjugate.descend(residual, product, step, force, *rows),
+            *(residual, product, force),
+        )
+        self.moved = step
 
-    def finish(self) -> None:
-        """Add the last estimate of the error and give back all but the heights."""
-        for start, stop in strips(*self.shape):
-            self.z[start:stop] += self.finest.x[start:stop]
-            self._relax(start, stop, self.z, self.finest.x)
-        self.scratch.free(self.residual, self.p, self.product_array)
-        if not hasattr(self.evidence, "data"):
-            del self.evidence
+    def finish(self) -> float:
+        """Take the last step, add the last estimate of the error; return the residual's norm."""
+        from volatool.kernels import conjugate
+
+        z, p, x, residual = self.z, self.p, self.finest.x, self.residual
+        self._each(
+            lambda *rows: conjugate.finish(z, p, x, self.moved, residual, self.dots, *rows),
+            *(z, p, x, residual),
+        )
+        self.scratch.free(residual, p, self.product)
+        return math.sqrt(math.fsum(self.dots))

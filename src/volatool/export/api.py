@@ -14,6 +14,7 @@ from volatool.export.select import select
 from volatool.formats.registry import open_volume
 from volatool.naming import stem
 from volatool.outputs import OutputSet, refuse_existing
+from volatool.remote.path import path_of
 from volatool.vola.volume import Volume
 
 __all__ = ["export_volume", "output_path"]
@@ -65,7 +66,7 @@ def export_volume(
     if unknown:
         raise OptionError(f"unknown option: {', '.join(sorted(unknown))}")
     checked = ExportOptions(**options)
-    source = None if isinstance(volume, Volume) else Path(volume)
+    source = None if isinstance(volume, Volume) else path_of(volume)
     exporter = exporter_of(to) if to is not None else _told_by(output)
     checked.check(exporter)
     path = output_path(source, output, exporter)

@@ -21,6 +21,7 @@ from volatool.formats import dense, sparse, trailer
 from volatool.formats.assemble import header_info
 from volatool.formats.header import DENSE, HEADER_BYTES, Header
 from volatool.formats.stream import SIZE_LIMIT, Source, buffered
+from volatool.remote.path import RemotePath, path_of
 from volatool.vola.info import VolumeInfo
 from volatool.vola.volume import Volume
 
@@ -80,8 +81,9 @@ def opened(source: Openable, size_limit: int = SIZE_LIMIT) -> Iterator[tuple[str
         if isinstance(source, bytes | bytearray | memoryview):
             yield name, Source(io.BytesIO(source), size_limit)
         elif isinstance(source, str | os.PathLike):
-            name = os.fspath(source)
-            with _file(Path(source)) as file:
+            path = path_of(source)
+            name = str(path)
+            with _file(path) as file:
                 yield name, Source(buffered(file, size_limit), size_limit)
         elif hasattr(source, "read"):
             name = str(getattr(source, "name", "<stream>"))
@@ -89,12 +91,17 @@ def opened(source: Openable, size_limit: int = SIZE_LIMIT) -> Iterator[tuple[str
         else:
             raise OptionError(f"expected a path, bytes or a binary file, got {type(source)}")
     except (InputError, ResourceError) as error:
-        raise type(error)(f"{name}: {error}", error.code) from error
+        text = str(error).removeprefix(f"{name}: ")
+        raise type(error)(f"{name}: {text}", error.code) from error
     except MemoryError as error:
         raise ResourceError(f"{name}: there is not enough memory to read it") from error
 
 
 def _file(path: Path) -> BinaryIO:
+    if isinstance(path, RemotePath):
+        from volatool.remote.ranges import open_url
+
+        return open_url(path)
     try:
         if path.is_dir():
             raise InputError("is a folder, not a VOLA file")

@@ -51,6 +51,7 @@ class ImportSource:
     """
 
     is_partial = False
+    n_unread = 0
 
     def __init__(self, path: Path, options: ConvertOptions) -> None:
         self.path, self.name = str(path), path.name
@@ -90,6 +91,9 @@ class ImportSource:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def read_all(self) -> None:
+        """Nothing is left out."""
 
     def close(self) -> None:
         """Let go of the file."""

@@ -3,7 +3,12 @@
 Kernels compile on their first call, never at import, release the GIL and are kept in an on-disk
 cache of volatool's own. numba numbers its cache files by reading the index, writing the code and
 then the index again; two processes doing so at once can overwrite each other's code under one
-name (numba issues 4807 and 10128). Every such read-modify-write is done under a file lock.
+name (numba issues 4807 and 10128). Every such read-modify-write is done under a file lock that
+readers share. A second lock lets one process compile at a time (`_Turn`).
+
+A process that finds all its kernels in the cache never compiles, so that it needs nothing of what
+numba registers for its compiler: a load does without the refresh of numba's registries, which
+costs 20 ms a kernel and imports SciPy (`_SharedCache`).
 """
 
 from __future__ import annotations
@@ -11,18 +16,28 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import logging
 import os
 import platform
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numba
 import numpy as np
-from numba.core import caching
+from numba.core import caching, event
+from numba.core.runtime.nrt import rtsys
 
 from volatool._version import __version__
+
+logger = logging.getLogger(__name__)
+
+MAX_TURN_S = 120.0
+"""How long a process waits for another one's compilation, in seconds."""
+
+_POLL_S = 0.02
 
 
 def cache_dir() -> Path:
@@ -75,33 +90,119 @@ def writable_cache_dir() -> Path | None:
 
 
 @contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def _locked(folder: Path, *, shared: bool) -> Iterator[None]:
     """Hold the cache folder's lock; without fcntl (Windows) numba's own atomic renames must do."""
     try:
         import fcntl
     except ImportError:
         yield
         return
-    with (folder / ".lock").open("w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+    with (folder / ".lock").open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_SH if shared else fcntl.LOCK_EX)
         yield
 
 
-class _LockedCache(caching.FunctionCache):
-    """numba's function cache with each read and each write of it done under one lock."""
+class _Turn:
+    """
+    The right to compile, of one process at a time: the others wait, and find what it saved.
+
+    Ten processes that start on an empty cache then compile each kernel once, not ten times. A
+    kernel's compilation may begin those of the kernels it calls, so that a turn has a depth.
+    """
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._file: TextIO | None = None
+
+    def take(self, folder: Path) -> None:
+        """Wait for the turn, but not for ever: without it a kernel is compiled twice, no more."""
+        self._depth += 1
+        if self._depth > 1:
+            return
+        with contextlib.suppress(ImportError, OSError):
+            import fcntl
+
+            self._file = (folder / ".turn").open("a")
+            waited_s = 0.0
+            while waited_s < MAX_TURN_S:
+                with contextlib.suppress(BlockingIOError):
+                    fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    return
+                time.sleep(_POLL_S)
+                waited_s += _POLL_S
+
+    def give(self) -> None:
+        """Let the next process compile."""
+        self._depth -= 1
+        if self._depth == 0 and self._file is not None:
+            self._file.close()
+            self._file = None
+
+
+_turn = _Turn()
+
+
+class _Failures(event.Listener):
+    """Gives the turn away when a compilation fails (or is interrupted) and so saves nothing."""
+
+    def on_start(self, event: Any) -> None:
+        pass
+
+    def on_end(self, event: Any) -> None:
+        # not is_failed, which numba 0.61 to 0.68 has the wrong way round
+        failed = getattr(event, "_exc_details", None) is not None
+        if failed and isinstance(event.data["dispatcher"]._cache, _SharedCache):
+            _turn.give()
+
+
+class _SharedCache(caching.FunctionCache):
+    """numba's function cache, shared by processes that start together."""
+
+    _is_damaged = False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         folder = writable_cache_dir()
         if folder is None:
             return None
-        with _locked(folder):
-            return super().load_overload(sig, target_context)
+        found = self._read(folder, sig, target_context)
+        if found is not None:
+            return found
+        _turn.take(folder)
+        found = self._read(folder, sig, target_context)  # another process may have saved it
+        if found is not None:
+            _turn.give()
+        return found
+
+    def _read(self, folder: Path, sig: Any, target_context: Any) -> Any:
+        with _locked(folder, shared=True):
+            if not hasattr(self, "_load_overload"):  # another numba than the ones known
+                return super().load_overload(sig, target_context)
+            # what compiled code refers to; the rest of a refresh is done before a compilation,
+            # by the compiler itself
+            rtsys.initialize(target_context)
+            try:
+                return self._load_overload(sig, target_context)
+            except Exception as error:  # a file cut short or damaged: pickle raises what it will
+                logger.info("%s: compiled again (%s)", self.cache_path, error)
+                self._is_damaged = True
+                return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         folder = writable_cache_dir()
-        if folder is not None:
-            with _locked(folder), contextlib.suppress(OSError):  # a full disk: not cached
+        if folder is None:
+            return
+        try:
+            # a full disk: not cached
+            with _locked(folder, shared=False), contextlib.suppress(OSError):
+                if self._is_damaged:
+                    self.flush()
+                    self._is_damaged = False
                 super().save_overload(sig, data)
+        finally:
+            _turn.give()
+
+
+event.register("numba:compile", _Failures())
 
 
 def kernel(function: Callable[..., Any]) -> Any:
@@ -129,7 +230,7 @@ def kernel(function: Callable[..., Any]) -> Any:
         config: Any = numba.config
         before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
         try:
-            dispatcher._cache = _LockedCache(function)
+            dispatcher._cache = _SharedCache(function)
         finally:
             config.CACHE_DIR = before
     return dispatcher

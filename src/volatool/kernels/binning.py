@@ -4,23 +4,61 @@ import numpy as np
 
 from volatool.kernels._jit import kernel
 
+SMALL = 2.0**52
+"""Whole numbers up to twice this are exact in float64."""
+
+BLOCK = 512
+"""Points whose places a loop works out at once: few enough to stay in the nearest cache."""
+
 
 @kernel
-def places(rows, axis, zero, factor, shift, length, out):
+def places(rows, lattice, col, row):
     """
-    Places of points along one axis of a grid, in cells, exact at the cells' edges.
+    Places of points on a grid, in cells, exact at the cells' edges.
 
     Parameters
     ----------
     rows : (n, 3) array of int32
         Stored x, y, z.
-    axis : int
-        0 or 1.
-    zero, factor, shift, length : int64
-        The place is ``((stored - zero) factor + shift) / length``; no term may reach 2**62.
-    out : (n,) array of float64
-        Set. Its floor is the exact cell, its fraction the place in the cell.
+    lattice : (2, 4) array of int64
+        zero, factor, shift, length of the columns and the rows: the place is
+        ``((stored - zero) factor + shift) / length``; no term may reach 2**62.
+    col, row : (n,) arrays of float64
+        Set. Their floor is the exact cell, their fraction the place in the cell.
     """
+    for axis in range(2):
+        zero, factor, shift, length = (
+            lattice[axis, 0],
+            lattice[axis, 1],
+            lattice[axis, 2],
+            lattice[axis, 3],
+        )
+        out = row if axis else col
+        if abs(factor) * 2.0**33 + abs(shift) + 2.0 * length < SMALL:
+            # all terms are whole numbers in float64: the same results, and the loop vectorizes
+            _places_small(rows, axis, float(zero), float(factor), float(shift), float(length), out)
+        else:
+            _places_large(rows, axis, zero, factor, shift, length, out)
+
+
+@kernel
+def _places_small(rows, axis, zero, factor, shift, length, out):
+    reciprocal = 1.0 / length
+    for i in range(rows.shape[0]):
+        num = (rows[i, axis] - zero) * factor + shift
+        cell = np.floor(num * reciprocal)
+        rest = num - cell * length
+        if rest < 0.0:
+            cell -= 1.0
+            rest += length
+        elif rest >= length:
+            cell += 1.0
+            rest -= length
+        out[i] = cell + rest / length
+
+
+@kernel
+def _places_large(rows, axis, zero, factor, shift, length, out):
     reciprocal = 1.0 / length
     for i in range(rows.shape[0]):
         num = (np.int64(rows[i, axis]) - zero) * factor + shift
@@ -111,6 +149,31 @@ def count(col, row, first, last, counts):
 
 
 @kernel
+def count_inner(col, row, first, last, counts):
+    """
+    Count points per cell of a grid that another has a ring of cells around.
+
+    Parameters
+    ----------
+    col, row : (n,) arrays of float64
+        Places in cells of the outer grid; otherwise as for `count`.
+    first, last : int
+        Only rows ``first <= r < last`` of the outer grid are counted; those that hold its last
+        cells, the ring's, make the last rows inside full.
+    counts : (h, w) array of uint32
+        Added to.
+    """
+    h, w = counts.shape
+    low, high = max(first - 1, 0), last - 1 if last < h + 2 else last
+    for i in range(col.size):
+        x, y = col[i] - 1.0, row[i] - 1.0
+        if x >= 0.0 and x <= w and y >= 0.0 and y <= h:
+            r = min(np.int64(y), h - 1)
+            if low <= r < high:
+                counts[r, min(np.int64(x), w - 1)] += np.uint32(1)
+
+
+@kernel
 def extreme(rows, col, row, sign, first, last, best, counts):
     """
     Lowest or highest point of each cell, whatever the order of the points.
@@ -180,41 +243,6 @@ def add_heights(rows, col, row, first, last, sums, counts):
             q = min(np.int64(col[i]), w - 1)
             sums[r, q] += np.int64(rows[i, 2])
             counts[r, q] += np.uint32(1)
-
-
-@kernel
-def take_extremes(best, counts, start, stop):
-    """
-    Chosen points of rows of cells, in cell order.
-
-    Parameters
-    ----------
-    best : (h, w, 3) array of int32
-        As `extreme` left them.
-    counts : (h, w) array of uint32
-        As `extreme` left them.
-    start, stop : int
-        Rows.
-
-    Returns
-    -------
-    rows : (n, 3) array of int32
-        One point per cell that holds any.
-    """
-    w = counts.shape[1]
-    n = 0
-    for r in range(start, stop):
-        for q in range(w):
-            if counts[r, q]:
-                n += 1
-    rows = np.empty((n, 3), np.int32)
-    n = 0
-    for r in range(start, stop):
-        for q in range(w):
-            if counts[r, q]:
-                rows[n] = best[r, q]
-                n += 1
-    return rows
 
 
 @kernel

@@ -108,9 +108,9 @@ def parents(edges, r, q):
 
 
 @kernel
-def cut_restrict_row(force, r, edges, coarse):
+def cut_restrict_row(force, r, edges, upper, lower):
     """
-    Add a fine row to the coarse grid by the transpose of `cut_prolong`.
+    Add a fine row to the coarse grid by the transpose of `cut_prolong_row`.
 
     Parameters
     ----------
@@ -120,53 +120,46 @@ def cut_restrict_row(force, r, edges, coarse):
         Its row; a coarse row is set by the first fine row that touches it.
     edges : (h, k, w) array of float32
         Factors of the fine grid.
-    coarse : (m, n) array of float32
-        Added to.
+    upper, lower : (n,) arrays of float32
+        Coarse rows ``r // 2`` and ``r // 2 + 1``, added to; the lower one only if r is odd.
     """
     if r == 0:
-        coarse[0, :] = 0.0
+        upper[:] = 0.0
     if r % 2 == 1:
-        coarse[r // 2 + 1, :] = 0.0
-    upper = coarse[r // 2]
-    lower = coarse[(r + 1) // 2]
+        lower[:] = 0.0
     for q in range(edges.shape[2]):
         a, b, c, d = parents(edges, r, q)
         value = force[q + 1]
         left, right = q // 2, (q + 1) // 2
         upper[left] += a * value
         upper[right] += b * value
-        lower[left] += c * value
-        lower[right] += d * value
+        if r % 2 == 1:
+            lower[left] += c * value
+            lower[right] += d * value
 
 
 @kernel
-def cut_prolong(coarse, x, keep, edges, start, stop):
+def cut_prolong_row(coarse, r, edges, out):
     """
-    Heights of the coarse nodes that fine nodes hang together with: ``x = keep x + P coarse``.
+    One row of heights of the coarse nodes that fine nodes hang together with.
 
     Parameters
     ----------
-    coarse : (h // 2 + 1, w // 2 + 1) array of float32
+    coarse : (m, n) array of float32
         Coarse heights.
-    x : (h, w) array of float32
-        Fine heights, rows changed in place.
-    keep : float32
-        1 to add, 0 to set.
+    r : int
+        Fine row.
     edges : (h, k, w) array of float32
         Factors of the fine grid.
-    start, stop : int
-        Rows of the fine grid.
+    out : (w,) array of float32
+        Set.
     """
-    for r in range(start, stop):
-        upper = coarse[r // 2]
-        lower = coarse[(r + 1) // 2]
-        heights = x[r]
-        for q in range(x.shape[1]):
-            a, b, c, d = parents(edges, r, q)
-            left, right = q // 2, (q + 1) // 2
-            heights[q] = keep * heights[q] + (
-                (a * upper[left] + b * upper[right]) + (c * lower[left] + d * lower[right])
-            )
+    upper = coarse[r // 2]
+    lower = coarse[(r + 1) // 2]
+    for q in range(out.size):
+        a, b, c, d = parents(edges, r, q)
+        left, right = q // 2, (q + 1) // 2
+        out[q] = (a * upper[left] + b * upper[right]) + (c * lower[left] + d * lower[right])
 
 
 @kernel
@@ -195,7 +188,7 @@ def coarsen_edges(edges, coarse, start, stop):
 @kernel
 def cut_coarsen_data(data, edges, coarse_edges, stiffness, coarse, start, stop):
     """
-    Galerkin product of the data stencil with `cut_prolong`: again 9-point.
+    Galerkin product of the data stencil with `cut_prolong_row`: again 9-point.
 
     Parameters
     ----------

@@ -13,104 +13,171 @@ import numpy as np
 
 from volatool.kernels._jit import kernel
 
-
-@kernel
-def cut_row_bend(step_above, step_below, edges, r, out):
-    """
-    Second differences down the columns at row r, times their factors.
-
-    Parameters
-    ----------
-    step_above, step_below : (w + 2,) arrays of float
-        `spring.row_step` of rows r - 1 and r.
-    edges : (h, k, w) array of float32
-        Factors.
-    r : int
-        Row.
-    out : (w + 2,) array of float
-        Set; zero at the first and last row.
-    """
-    h, _, w = edges.shape
-    out[:] = 0.0
-    if 1 <= r < h - 1:
-        above, below = edges[r - 1, 1], edges[r, 1]
-        over, under, inner = step_above[1:], step_below[1:], out[1:]
-        for q in range(w):
-            inner[q] = min(above[q], below[q]) * (under[q] - over[q])
+ONE, TWO = np.uint64(1), np.uint64(2)
 
 
 @kernel
-def cut_row_flux(step, bend_above, bend_below, edges, r, kb, km, out):
+def cut_bend(edges, r, carry, c):
     """
-    Force that passes from row r to row r + 1 through the springs that are left.
+    Multiply second differences down the columns by their factors.
 
     Parameters
     ----------
-    step : (w + 2,) array of float
-        `spring.row_step` of row r.
-    bend_above, bend_below : (w + 2,) arrays of float
-        `cut_row_bend` of rows r and r + 1.
     edges : (h, k, w) array of float32
         Factors.
     r : int
-        Row; nothing passes out of the grid.
-    kb, km : float
-        Stiffness.
-    out : (w,) array of float
-        Set; node r gets it, node r + 1 its opposite.
+        Row, not the first.
+    carry : (n, w) array of float
+        Row c is changed in place.
+    c : int
+        Row of `carry`.
     """
-    h, _, w = edges.shape
-    if not 0 <= r < h - 1:
-        out[:] = 0.0
-        return
-    twists = np.zeros(w + 1, out.dtype)
-    inner, middle, after = twists[1:], step[1:], step[2:]
-    east, south, beyond = edges[r, 0], edges[r, 1], edges[r, 1][1:]
-    east_below = edges[r + 1, 0]
-    for q in range(w - 1):
-        factor = min(min(east[q], east_below[q]), min(south[q], beyond[q]))
-        inner[q] = factor * (after[q] - middle[q])
-    above, below = bend_above[1:], bend_below[1:]
-    for q in range(w):
-        twist = inner[q] - twists[q]
-        out[q] = kb * ((below[q] - above[q]) + (twist + twist)) - km * (south[q] * middle[q])
+    for q in range(edges.shape[2]):
+        carry[c, q] *= min(edges[r - 1, 1, q], edges[r, 1, q])
 
 
 @kernel
-def cut_across(x, edges, r, kb, km, across, acc):
+def cut_row(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below):
     """
-    Add the springs along row r to its row of the product.
+    `product.product_row` with the springs that are left.
 
     Parameters
     ----------
-    x : (h, w) array of float
-        Heights.
+    x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a
+        As for `product.whole_row`.
     edges : (h, k, w) array of float32
         Factors.
-    r : int
-        Row.
-    kb, km : float
-        Stiffness.
-    across : (w + 2,) array of float
-        Work space; its two first and last entries must be zero, and stay so.
-    acc : (w,) array of float
-        Added to.
+    below : int
+        The row below the row, or the row itself if it is the last.
     """
+    upper, middle, lower, lowest = rows
     w = x.shape[1]
-    east = edges[r, 0]
-    middle = x[r]
-    x1, x2, east1 = middle[1:], middle[2:], east[1:]
-    inner = across[2:]
-    for q in range(w - 2):
-        inner[q] = min(east[q], east1[q]) * ((x2[q] - x1[q]) - (x1[q] - middle[q]))
-    c1 = across[1:]
-    for q in range(w):
-        acc[q] += kb * ((inner[q] - c1[q]) - (c1[q] - across[q]))
-    for q in range(w - 1):
-        acc[q] -= km * (east[q] * (x1[q] - middle[q]))
-    west = acc[1:]
-    for q in range(w - 1):
-        west[q] += km * (east[q] * (x1[q] - middle[q]))
+    cut_ends(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below)
+    zero = x.dtype.type(0)
+    flux = c + 1
+    for k in range(w - 4):
+        q = np.uint64(k) + TWO
+        west, east = q - ONE, q + ONE
+        here = x[middle, q]
+        before, after = here - x[middle, west], x[middle, east] - here
+        e_west, e_here, s_here = edges[r, 0, west], edges[r, 0, q], edges[r, 1, q]
+        bend = min(e_west, e_here) * (after - before)
+        bend_west = min(edges[r, 0, q - TWO], e_west) * (
+            before - (x[middle, west] - x[middle, q - TWO])
+        )
+        bend_east = min(e_here, edges[r, 0, east]) * (
+            (x[middle, q + TWO] - x[middle, east]) - after
+        )
+        step = x[lower, q] - here
+        fall = (x[lowest, q] - x[lower, q]) - step
+        bend_below = min(s_here, edges[below, 1, q]) * fall if is_bent else zero
+        square = min(min(e_here, edges[below, 0, q]), min(s_here, edges[r, 1, east]))
+        twist = square * ((x[lower, east] - x[middle, east]) - step)
+        square = min(min(e_west, edges[below, 0, west]), min(edges[r, 1, west], s_here))
+        twist -= square * (step - (x[lower, west] - x[middle, west]))
+        flow = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * (s_here * step)
+        force = (flow - carry[flux, q]) + kb * ((bend_east - bend) - (bend - bend_west))
+        force -= km * (e_here * after)
+        force += km * (e_west * before)
+        force += (
+            data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
+        )
+        force += (
+            data[r, 1, q] * x[middle, east]
+            + data[r, 3, q] * x[lower, east]
+            + over[above, 4, east] * x[upper, east]
+        )
+        force += (
+            data[r, 1, west] * x[middle, west]
+            + data[r, 4, q] * x[lower, west]
+            + over[above, 3, west] * x[upper, west]
+        )
+        carry[c, q] = bend_below
+        carry[flux, q] = flow
+        acc[a, q] = force
+
+
+@kernel
+def cut_ends(x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below):
+    """
+    Do what `cut_row` does for the two nodes at each end of the row.
+
+    Parameters
+    ----------
+    x, rows, data, r, over, above, kb, km, is_bent, carry, c, acc, a, edges, below
+        As for `cut_row`.
+    """
+    upper, middle, lower, lowest = rows
+    w = x.shape[1]
+    zero = x.dtype.type(0)
+    n = min(4, w)
+    for k in range(n):
+        q = k if k < 2 else w - n + k
+        here = x[middle, q]
+        step = x[lower, q] - here
+        fall = (x[lowest, q] - x[lower, q]) - step
+        bend_below = min(edges[r, 1, q], edges[below, 1, q]) * fall if is_bent else zero
+        twist = zero
+        if q + 1 < w:
+            square = min(
+                min(edges[r, 0, q], edges[below, 0, q]), min(edges[r, 1, q], edges[r, 1, q + 1])
+            )
+            twist += square * ((x[lower, q + 1] - x[middle, q + 1]) - step)
+        if q > 0:
+            square = min(
+                min(edges[r, 0, q - 1], edges[below, 0, q - 1]),
+                min(edges[r, 1, q - 1], edges[r, 1, q]),
+            )
+            twist -= square * (step - (x[lower, q - 1] - x[middle, q - 1]))
+        flow = kb * ((bend_below - carry[c, q]) + (twist + twist)) - km * (edges[r, 1, q] * step)
+        west, bend = cut_second(x, middle, edges, r, q - 1), cut_second(x, middle, edges, r, q)
+        east = cut_second(x, middle, edges, r, q + 1)
+        force = (flow - carry[c + 1, q]) + kb * ((east - bend) - (bend - west))
+        if q + 1 < w:
+            force -= km * (edges[r, 0, q] * (x[middle, q + 1] - here))
+        if q > 0:
+            force += km * (edges[r, 0, q - 1] * (here - x[middle, q - 1]))
+        force += (
+            data[r, 0, q] * here + data[r, 2, q] * x[lower, q] + over[above, 2, q] * x[upper, q]
+        )
+        if q + 1 < w:
+            force += (
+                data[r, 1, q] * x[middle, q + 1]
+                + data[r, 3, q] * x[lower, q + 1]
+                + over[above, 4, q + 1] * x[upper, q + 1]
+            )
+        if q > 0:
+            force += (
+                data[r, 1, q - 1] * x[middle, q - 1]
+                + data[r, 4, q] * x[lower, q - 1]
+                + over[above, 3, q - 1] * x[upper, q - 1]
+            )
+        carry[c, q] = bend_below
+        carry[c + 1, q] = flow
+        acc[a, q] = force
+
+
+@kernel
+def cut_second(x, middle, edges, r, q):
+    """
+    Second difference along a row, times its factor; zero at its ends and beyond.
+
+    Parameters
+    ----------
+    x : (n, w) array of float
+        Heights.
+    middle : int
+        Row of the array.
+    edges : (h, k, w) array of float32
+        Factors.
+    r, q : int
+        Row of the grid, column.
+    """
+    if 1 <= q < x.shape[1] - 1:
+        return min(edges[r, 0, q - 1], edges[r, 0, q]) * (
+            (x[middle, q + 1] - x[middle, q]) - (x[middle, q] - x[middle, q - 1])
+        )
+    return x.dtype.type(0)
 
 
 @kernel

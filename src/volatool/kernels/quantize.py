@@ -6,7 +6,7 @@ import numpy as np
 
 from volatool.kernels._jit import kernel
 
-_OUTSIDE = np.uint64(2**64 - 1)
+OUTSIDE = np.uint64(2**64 - 1)
 
 
 @kernel
@@ -43,87 +43,74 @@ def _divide(num, length, reciprocal, last):
 
 
 @kernel
-def affine_keys(x, y, z, axes, depth):
-    """
-    Path keys of points whose place in the cube is an integer ratio.
-
-    Parameters
-    ----------
-    x, y, z : (n,) arrays of int32
-        Stored integers.
-    axes : (3, 3) array of int64
-        Rows x, y, z of (factor, shift, length): ``num = stored * factor + shift``, inside the
-        closed cube when ``0 <= num <= length``; ``length * 4**depth < 2**62``.
-    depth : int
-        Level of the cells, 1 to 10.
-
-    Returns
-    -------
-    keys : (n,) array of uint64
-        ``2**64 - 1`` for points outside.
-
-    Notes
-    -----
-    ``num * S // length`` by a float64 reciprocal, put right by the integer remainder: the
-    estimate is off by at most one.
-    """
-    n = x.size
-    keys = np.empty(n, np.uint64)
+def _affine_keys(x, y, z, axes, depth, keys):
+    """Fill `keys` by an affine table; see `path_keys`. The compiler makes vectors of this loop."""
     last = np.int64(4) ** depth - 1
     up = np.int64(2 * depth)
     fx, sx, lx = axes[0, 0], axes[0, 1], axes[0, 2]
     fy, sy, ly = axes[1, 0], axes[1, 1], axes[1, 2]
     fz, sz, lz = axes[2, 0], axes[2, 1], axes[2, 2]
     rx, ry, rz = 1.0 / lx, 1.0 / ly, 1.0 / lz
-    for i in range(n):
+    for i in range(x.size):
         nx = np.int64(x[i]) * fx + sx
         ny = np.int64(y[i]) * fy + sy
         nz = np.int64(z[i]) * fz + sz
         if (nx | ny | nz | (lx - nx) | (ly - ny) | (lz - nz)) < 0:  # the sign of any
-            keys[i] = _OUTSIDE
+            keys[i] = OUTSIDE
             continue
         ix = _divide(nx << up, lx, rx, last)
         iy = _divide(ny << up, ly, ry, last)
         iz = _divide(nz << up, lz, rz, last)
         keys[i] = _interleave(ix, iy, iz)
-    return keys
 
 
 @kernel
-def tabulated_keys(x, y, z, first, lines, depth):
+def _tabulated_keys(x, y, z, first, lines, keys):
+    """Fill `keys` by a table of first integers; see `path_keys`."""
+    for i in range(x.size):
+        ix = _look_up(x[i], first[0], lines[0, 0], lines[0, 1])
+        iy = _look_up(y[i], first[1], lines[1, 0], lines[1, 1])
+        iz = _look_up(z[i], first[2], lines[2, 0], lines[2, 1])
+        if ix < 0 or iy < 0 or iz < 0:
+            keys[i] = OUTSIDE
+        else:
+            keys[i] = _interleave(ix, iy, iz)
+
+
+@kernel
+def path_keys(x, y, z, is_affine, table, lines, depth, keys):
     """
-    Path keys of points by a table of the first stored integer of each cell.
+    Path keys of points.
 
     Parameters
     ----------
     x, y, z : (n,) arrays of int32
         Stored integers.
-    first : (3, 4**depth + 1) array of int64
-        Rows x, y, z: the smallest stored integer of each cell, then the smallest one beyond the
-        closed cube. Never decreasing.
+    is_affine : bool
+        The place of a point in the cube is an integer ratio.
+    table : (3, 3) or (3, 4**depth + 1) array of int64
+        Rows x, y, z. Affine: (factor, shift, length): ``num = stored * factor + shift``, inside
+        the closed cube when ``0 <= num <= length``; ``length * 4**depth < 2**62``. Else: the
+        smallest stored integer of each cell, then the smallest one beyond the closed cube; never
+        decreasing.
     lines : (3, 2) array of float64
-        About how many cells one step of the stored integers is, and the place of 0; only the
-        speed depends on them. Where the slope is negative `first` counts stored integers with
-        their sign changed.
+        Beside a table of first integers: about how many cells one step of the stored integers is,
+        and the place of 0; only the speed depends on them. Where the slope is negative the table
+        counts stored integers with their sign changed.
     depth : int
         Level of the cells, 1 to 10.
-
-    Returns
-    -------
     keys : (n,) array of uint64
-        ``2**64 - 1`` for points outside.
+        Filled; ``2**64 - 1`` for points outside.
+
+    Notes
+    -----
+    ``num * S // length`` by a float64 reciprocal, put right by the integer remainder: the
+    estimate is off by at most one.
     """
-    n = x.size
-    keys = np.empty(n, np.uint64)
-    for i in range(n):
-        ix = _look_up(x[i], first[0], lines[0, 0], lines[0, 1])
-        iy = _look_up(y[i], first[1], lines[1, 0], lines[1, 1])
-        iz = _look_up(z[i], first[2], lines[2, 0], lines[2, 1])
-        if ix < 0 or iy < 0 or iz < 0:
-            keys[i] = _OUTSIDE
-        else:
-            keys[i] = _interleave(ix, iy, iz)
-    return keys
+    if is_affine:
+        _affine_keys(x, y, z, table, depth, keys)
+    else:
+        _tabulated_keys(x, y, z, table, lines, keys)
 
 
 @kernel

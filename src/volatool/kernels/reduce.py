@@ -41,57 +41,6 @@ def _put_rows(block, sums, touched, n_touched, rows, n_rows):
 
 
 @kernel
-def sum_points(order, index_bits, block_shift, code, red, green, blue, z, returns, intensity):
-    """
-    Rows of sums of points.
-
-    Parameters
-    ----------
-    order : (n,) array of uint64, sorted
-        Path key of each point ``<< index_bits`` | index of the point in the other arrays.
-    index_bits : int
-        How many bits the index has.
-    block_shift : int
-        How many bits are below the path key of the block; `index_bits` or more.
-    code, returns : (n,) arrays of uint8
-        Class and number of returns.
-    red, green, blue, intensity : (n,) arrays of uint16
-    z : (n,) array of int32
-        Stored heights.
-
-    Returns
-    -------
-    rows : (k, 8) array of int64
-        Keys strictly increasing.
-    """
-    rows = np.empty((order.size, ROW), np.int64)
-    sums = np.zeros((256, ROW - 1), np.int64)
-    touched = np.empty(256, np.int64)
-    n_touched = n_rows = np.int64(0)
-    mask = (np.uint64(1) << np.uint64(index_bits)) - np.uint64(1)
-    block = np.int64(-1)
-    for k in range(order.size):
-        i = order[k] & mask
-        # at level 1 there is one block, and nothing of 64 bits is left of the shift
-        here = np.int64(order[k] >> np.uint64(block_shift)) if block_shift < 64 else np.int64(0)
-        if here != block:
-            n_rows = _put_rows(block, sums, touched, n_touched, rows, n_rows)
-            n_touched = np.int64(0)
-            block = here
-        c = np.int64(code[i])
-        n_touched = _touch(c, sums, touched, n_touched)
-        sums[c, 0] += 1
-        sums[c, 1] += red[i]
-        sums[c, 2] += green[i]
-        sums[c, 3] += blue[i]
-        sums[c, 4] += z[i]
-        sums[c, 5] += returns[i]
-        sums[c, 6] += intensity[i]
-    n_rows = _put_rows(block, sums, touched, n_touched, rows, n_rows)
-    return rows[:n_rows]
-
-
-@kernel
 def fold_rows(rows, digits):
     """
     Add up the sums of coarser blocks.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -98,14 +99,22 @@ def lonlat(crs: CrsInfo, x: F64, y: F64) -> tuple[F64, F64] | None:
     if text is None:
         return None
     try:
-        horizontal, _ = split(pyproj.CRS.from_user_input(text))
-        if horizontal.is_geocentric:
+        transformer = _to_degrees(text)
+        if transformer is None:
             return None
-        transformer = pyproj.Transformer.from_crs(horizontal, "EPSG:4326", always_xy=True)
         lon, lat = transformer.transform(x, y)
     except (ForeignCRSError, ProjError):
         return None
     return np.asarray(lon, np.float64), np.asarray(lat, np.float64)
+
+
+@functools.lru_cache(maxsize=16)  # making one takes 40 ms, a tile asks some five times
+def _to_degrees(text: str) -> pyproj.Transformer | None:
+    """Return what moves a CRS to longitude and latitude in WGS 84; None for a geocentric one."""
+    horizontal, _ = split(pyproj.CRS.from_user_input(text))
+    if horizontal.is_geocentric:
+        return None
+    return pyproj.Transformer.from_crs(horizontal, "EPSG:4326", always_xy=True)
 
 
 @dataclass(frozen=True, slots=True)

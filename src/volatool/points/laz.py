@@ -20,7 +20,7 @@ from volatool.points.laz_chunks import (
     ChunkFinder,
 )
 from volatool.points.laz_decode import DecodeError, Sequence, decode_chunks, read_table
-from volatool.resources import n_cores
+from volatool.resources import n_threads
 
 MAX_CHUNK_BYTES = 64 << 20
 """Chunks that unpack to more are decoded piece by piece, on one core."""
@@ -136,7 +136,7 @@ class LazPoints:
                 yield from self._parts(list(run), batch_points)
 
     def _parts(self, chunks: list[Chunk], batch_points: int) -> Iterator[list[Chunk]]:
-        record, cores = self._header.record_bytes, n_cores()
+        record, cores = self._header.record_bytes, n_threads()
         at = 0
         while at < len(chunks):
             end, points = at, 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
+from dataclasses import astuple
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -11,6 +12,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.census import header_box
 from volatool.cube import Cube
 from volatool.errors import (
     CodedWarning,
@@ -29,12 +31,16 @@ from volatool.points.layout import record_dtype, take_attributes
 from volatool.points.laz import LazPoints
 from volatool.points.laz_decode import EVERYTHING, backend_name, selection_of
 from volatool.points.select import Selection
+from volatool.remote.path import RemotePath, path_of
 
 CHUNK_POINTS = 250_000
 """Points of a chunk unless asked otherwise; more is not faster (DESIGN.md, 5)."""
 
 MAX_CHUNK_POINTS = 2_000_000
 """Larger chunks are cut to this."""
+
+Rectangle = tuple[float, float, float, float]
+"""Left, bottom, right, top."""
 
 _NOT_DEFECTS = frozenset({"W_NO_CRS", "W_SALVAGED", "W_Z_UNIT"})
 
@@ -61,6 +67,8 @@ class PointSource:
         Points that can be read, as far as it is known: the total for progress.
     is_partial : bool
         Points were lost (salvage only).
+    n_unread : int
+        Points of chunks that are left out, as they lie outside `near`.
     format, own_grid : None
         Of imported files only.
     """
@@ -76,6 +84,7 @@ class PointSource:
         crs_default: CrsLike = None,
         salvage: bool = False,
         strict: bool = False,
+        near: Rectangle | None = None,
     ) -> None:
         self._stream, self.path = _open(source)
         self.name = Path(self.path).name
@@ -97,6 +106,10 @@ class PointSource:
             self.crs: CrsInfo = crs_of(self.header, crs, crs_default, self.warnings)
             if strict:
                 self._refuse_defects()
+            self.n_unread = 0
+            self._unwanted: frozenset[int] = frozenset()
+            if near is not None:
+                self._leave_out(near)
         except OSError as error:
             self._stream.close()
             if isinstance(error, VolatoolError):
@@ -136,7 +149,7 @@ class PointSource:
         self,
         attributes: Iterable[str] = (),
         chunk_points: int = CHUNK_POINTS,
-        near: tuple[float, float, float, float] | None = None,
+        near: Rectangle | None = None,
     ) -> Iterator[PointChunk]:
         """
         Stream the points in file order.
@@ -148,7 +161,8 @@ class PointSource:
         chunk_points : int
             At most as many points a chunk (and never more than `MAX_CHUNK_POINTS`).
         near : tuple of 4 float, optional
-            left, bottom, right, top: points outside may be left out, and of a COPC file most are.
+            left, bottom, right, top: points outside may be left out, and of a COPC file most are;
+            by default the rectangle that the file was opened with.
 
         Yields
         ------
@@ -165,7 +179,9 @@ class PointSource:
         chunk_points = min(chunk_points, MAX_CHUNK_POINTS)
         names = frozenset(attributes) & self.header.dimensions
         dtype = record_dtype(self.header.point_format, self.header.record_bytes)
-        skipped = frozenset() if near is None else chunks_outside(self.header, self.raw, near)
+        skipped = self._unwanted
+        if near is not None:
+            skipped = chunks_outside(self.header, self.raw, near)
         for start, raw in self._told(selection_of(names), chunk_points, skipped):
             yield from self._cut(start, raw.reshape(-1).view(dtype), names, chunk_points)
 
@@ -198,6 +214,7 @@ class PointSource:
     ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """Yield batches of records; errors get the file's name, losses a warning."""
         losses: list[tuple[int, int]] = []
+        self._announce(skipped)
         try:
             yield from self._batches(selection, chunk_points, losses, skipped)
         except VolatoolError as error:
@@ -228,6 +245,32 @@ class PointSource:
                 at = start + len(data) // record
                 raise TruncatedError(f"the file ends at point {at} of {self.n_points}")
             yield start, np.frombuffer(data, np.uint8)
+
+    def _announce(self, skipped: frozenset[int]) -> None:
+        """Tell a remote file what will be read of it."""
+        expect = getattr(self._stream, "expect", None)
+        if expect is None:
+            return
+        if self._laz is None or self._laz.chunks is None:
+            expect([(self.header.offset_to_points, self.header.points_end)])
+        else:
+            chunks = self._laz.chunks
+            expect([(one.at, one.at + one.n_bytes) for one in chunks if one.at not in skipped])
+
+    def _leave_out(self, near: Rectangle) -> None:
+        """Find the chunks outside a rectangle, if the header's box can stand for their points."""
+        header = self.header
+        if self._laz is None or header_box(header.box, header.scale, header.offset) is None:
+            return
+        self._unwanted = chunks_outside(header, self.raw, near)
+        chunks = self._laz.chunks or ()
+        self.n_unread = sum(chunk.n_points for chunk in chunks if chunk.at in self._unwanted)
+        self.n_points -= self.n_unread
+
+    def read_all(self) -> None:
+        """Leave nothing out from now on."""
+        self.n_points += self.n_unread
+        self.n_unread, self._unwanted = 0, frozenset()
 
     def _cut(
         self, start: int, records: NDArray[Any], names: frozenset[str], chunk_points: int
@@ -308,6 +351,7 @@ def open_points(
     crs_default: CrsLike = None,
     salvage: bool = False,
     strict: bool = False,
+    near: Rectangle | None = None,
 ) -> PointSource:
     """
     Open a LAS, LAZ or COPC file for streaming.
@@ -324,6 +368,8 @@ def open_points(
         Read what can be read of a damaged file.
     strict : bool
         Refuse files with defects that could be read around (``E_STRICT``).
+    near : tuple of 4 float, optional
+        left, bottom, right, top: leave out the chunks of a COPC file that lie outside.
 
     Returns
     -------
@@ -335,7 +381,9 @@ def open_points(
     InputNotFoundError, FormatError, TruncatedError, CRSError
         With the file's name in the message.
     """
-    return PointSource(path, crs=crs, crs_default=crs_default, salvage=salvage, strict=strict)
+    return PointSource(
+        path, crs=crs, crs_default=crs_default, salvage=salvage, strict=strict, near=near
+    )
 
 
 def stream(
@@ -392,7 +440,8 @@ def stream(
     with open_points(path, salvage=salvage) as source:
         wanted = source.header.dimensions if attributes is None else frozenset(attributes)
         needed = wanted | selection.attributes(source.header)
-        for chunk in source.chunks(needed, chunk_points):
+        near = None if selection.bounds is None else astuple(selection.bounds)
+        for chunk in source.chunks(needed, chunk_points, near):
             mask = selection.mask(chunk, dropped)
             kept = chunk if mask is None else chunk.take(mask)
             if len(kept):
@@ -408,7 +457,11 @@ def _open(source: str | os.PathLike[str] | BinaryIO) -> tuple[BinaryIO, str]:
     """Return a seekable binary stream and what to call it."""
     if not isinstance(source, str | os.PathLike):
         return source, str(getattr(source, "name", "<stream>"))
-    path = Path(source)
+    path = path_of(source)
+    if isinstance(path, RemotePath):
+        from volatool.remote.ranges import open_url
+
+        return open_url(path), str(path)
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise InputError(f"{path}: is not a regular file; pipes and devices can't be read")

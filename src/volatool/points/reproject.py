@@ -71,6 +71,7 @@ class Reprojected:
     """
 
     own_grid: tuple[Cube, int] | None = None
+    n_unread = 0
 
     def __init__(self, source: Source, to: str) -> None:
         self._source = source
@@ -109,6 +110,9 @@ class Reprojected:
     def is_partial(self) -> bool:
         """Points were lost (salvage only)."""
         return self._source.is_partial
+
+    def read_all(self) -> None:
+        """Nothing is left out."""
 
     def close(self) -> None:
         """Close the source."""

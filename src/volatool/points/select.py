@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from volatool.errors import OptionError
 from volatool.model import I32, Bool, Bounds, PointChunk, as_fraction
 from volatool.points.header import LasHeader
+
+if TYPE_CHECKING:
+    from volatool.options import ConvertOptions
 
 NOISE_CLASSES = frozenset({7, 18})
 """Low and high noise (ASPRS)."""
@@ -158,6 +161,19 @@ class Selection:
         gone: Bool = np.ones(len(chunk), np.bool_)
         gone[-chunk.start % self.thin :: self.thin] = False
         return gone
+
+
+def selection_for(options: ConvertOptions) -> Selection:
+    """Return the rules that the options of a conversion ask for."""
+    return Selection(
+        classes=None if options.classes is None else frozenset(options.classes),
+        exclude_classes=frozenset(options.exclude_classes or ()),
+        returns=options.returns,
+        keep_withheld=options.keep_withheld,
+        keep_noise=options.keep_noise,
+        bounds=options.bounds,
+        thin=options.thin or 1,
+    )
 
 
 def stored_range(scale: float, offset: float, low: float, high: float) -> tuple[int, int]:

@@ -43,6 +43,8 @@ class Source(Protocol):
         Points that can be read, as far as it is known.
     is_partial : bool
         Points were lost (salvage only).
+    n_unread : int
+        Points that are left out unread, as they lie outside the bounds asked for.
     format : str or None
         Name of an imported format; None of LAS, LAZ and COPC.
     own_grid : (Cube, int) or None
@@ -85,6 +87,11 @@ class Source(Protocol):
         ...
 
     @property
+    def n_unread(self) -> int:
+        """Points that are left out unread."""
+        ...
+
+    @property
     def format(self) -> str | None:
         """Name of an imported format; None of LAS, LAZ and COPC."""
         ...
@@ -98,6 +105,10 @@ class Source(Protocol):
         self, attributes: Iterable[str] = (), chunk_points: int = ...
     ) -> Iterator[PointChunk]:
         """Stream the points."""
+        ...
+
+    def read_all(self) -> None:
+        """Leave nothing out from now on."""
         ...
 
     def close(self) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import closing
 from fractions import Fraction
 from types import TracebackType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from volatool.ahead import ahead
 from volatool.cube import MAX_DEPTH, OUTSIDE, Cube, Quantizer
 from volatool.errors import OptionError, ResourceError
 from volatool.model import I64, U64, CrsInfo, PointChunk
@@ -24,9 +27,11 @@ if TYPE_CHECKING:
 _SHARE = 0.7
 """Part of the memory budget that runs may fill; the rest is for the levels' words and others."""
 
-_PIECE_BITS = 16
-_PIECE = 1 << _PIECE_BITS
-"""Points worked on at a time: temporary arrays stay small (and in the cache) for any chunk."""
+_PIECE = 1 << 18
+"""Points worked on at a time; a chunk of the usual size is one piece."""
+
+Scaling = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Scale and offset of stored integers."""
 
 
 class VolaBuilder:
@@ -93,15 +98,16 @@ class VolaBuilder:
         self._z_ratio = z_ratio
         self._scratch = scratch or Scratch()
         self._quantizer: Quantizer | None = None
-        self._box: Box | None = None
+        self._boxes: dict[Scaling, I64] = {}
         may_rule_out = keep_depth is None and n_points_hint is not None
-        self._keys = KeyRuns(
+        self._keys = KeyRuns(self._scratch, _SHARE)
+        self._sums = MetadataSums(
+            self.channels,
+            keep_depth or max_depth,
             self._scratch,
-            max_depth,
             _SHARE,
-            self._rule_out if may_rule_out and self.channels else None,
+            self._limit(n_points_hint or 0) if may_rule_out else math.inf,
         )
-        self._sums = MetadataSums(self.channels, keep_depth or max_depth, self._scratch, _SHARE)
         self._built: Built | None = None
         self._is_closed = False
 
@@ -147,33 +153,26 @@ class VolaBuilder:
         return sum(self._add_piece(piece) for piece in _pieces(chunk))
 
     def _add_piece(self, points: PointChunk) -> int:
-        from volatool.kernels import levels as kernels
+        from volatool.kernels import collect
 
-        x, y, z = (np.ascontiguousarray(a, np.int32) for a in (points.x, points.y, points.z))
-        keys = self._quantizer_for(points).keys(x, y, z)
-        inside = keys != OUTSIDE
-        n_outside = len(keys) - int(np.count_nonzero(inside))
-        if n_outside:
-            points, keys = points.take(inside), keys[inside]
-        if not len(keys):
-            return n_outside
-        self.n_points += len(keys)
-        self._extend_box(points)
-        order = None
-        if self.channels and 6 * self.max_depth + _PIECE_BITS <= 64:
-            # key and number of the point in 64 bits: one plain sort orders both products
-            order = keys << np.uint64(_PIECE_BITS)
-            order |= np.arange(len(order), dtype=np.uint64)
-            order.sort()
-            ordered = order >> np.uint64(_PIECE_BITS)
-        else:
-            ordered = np.sort(keys)
-        n_distinct = int(kernels.drop_repeats(ordered))
-        self._keys.push(ordered[:n_distinct].copy() if n_distinct < len(ordered) else ordered)
+        quantizer = self._quantizer_for(points)
+        box = self._boxes.setdefault((points.scale, points.offset), _nowhere())
+        n_dropped = 0
+        if not self._sums.can_add(points):  # heights outside may be of no use to it
+            inside = quantizer.keys(points.x, points.y, points.z) != OUTSIDE
+            n_dropped = len(points) - int(np.count_nonzero(inside))
+            points = points.take(inside)
+        keys = self._keys.room(len(points))
+        tally = np.zeros(4, np.int64)
         if self.channels:
-            # after the push: the level may have become coarser by it
-            self._sums.add(points, keys, self.max_depth, order, _PIECE_BITS)
-        return n_outside
+            self._sums.add(points, quantizer, keys, tally, box)
+        else:
+            x, y, z = (np.ascontiguousarray(a, np.int32) for a in (points.x, points.y, points.z))
+            collect.collect_keys(x, y, z, *quantizer.plan, self.max_depth, keys, tally, box)
+        self._keys.filled(int(tally[collect.KEYS]))
+        n_outside = int(tally[collect.OUT])
+        self.n_points += len(points) - n_outside
+        return n_outside + n_dropped
 
     def _quantizer_for(self, chunk: PointChunk) -> Quantizer:
         last = self._quantizer
@@ -182,18 +181,18 @@ class VolaBuilder:
             self._quantizer = last
         return last
 
-    def _extend_box(self, chunk: PointChunk) -> None:
-        lows, highs = [], []
-        for stored, scale, offset in zip(
-            (chunk.x, chunk.y, chunk.z), chunk.scale, chunk.offset, strict=True
-        ):
-            ends = (int(stored.min()) * scale + offset, int(stored.max()) * scale + offset)
-            lows.append(min(ends))  # a scale may be negative
-            highs.append(max(ends))
-        if self._box is not None:
-            lows = list(map(min, self._box[:3], lows))
-            highs = list(map(max, self._box[3:], highs))
-        self._box = (lows[0], lows[1], lows[2], highs[0], highs[1], highs[2])
+    def _box(self) -> Box | None:
+        """Return the box of the points added, in units of the file."""
+        if not self.n_points:
+            return None
+        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        for (scale, offset), box in self._boxes.items():
+            if box[0] <= box[3]:
+                ends = box.reshape(2, 3) * np.array(scale) + np.array(offset)
+                low = np.minimum(low, ends.min(axis=0))  # a scale may be negative
+                high = np.maximum(high, ends.max(axis=0))
+        x0, y0, z0, x1, y1, z1 = (float(value) for value in (*low, *high))
+        return (x0, y0, z0, x1, y1, z1)
 
     def _limit(self, n_points: int) -> float:
         """Most blocks that the last level of a depth worth keeping can have."""
@@ -201,17 +200,6 @@ class VolaBuilder:
             return float("inf")
         # a hair more, so that rounding can't rule out what an occupancy of just the limit allows
         return n_points / (64 * self._min_occupancy) * (1 + 1e-9)
-
-    def _most_points(self) -> int:
-        return max(self.n_points, self._hint or 0)
-
-    def _rule_out(self, voxels: I64) -> None:
-        """Give up the sums of levels that have too many blocks already."""
-        limit = self._limit(self._most_points())
-        level = self._sums.level
-        while level > 2 and voxels[level - 1] > limit:  # blocks of a level: voxels of the one above
-            level -= 1
-        self._sums.coarsen_to(level)
 
     def build(self) -> Built:
         """
@@ -225,23 +213,27 @@ class VolaBuilder:
         """
         if self._built is None:
             is_limited = self._keep_depth is None and self._hint is not None
-            self._built = Built(
-                self._drained_keys(),
-                self._sums,
-                cube=self.cube,
-                crs=self.crs,
-                n_points=self.n_points,
-                box=self._box,
-                max_depth=self.max_depth,
-                keep=self._keep_depth or self.max_depth,
-                limit=self._limit(self._most_points()) if is_limited else float("inf"),
-                scratch=self._scratch,
-            )
+            with closing(self._drained_keys()) as keys:
+                self._built = Built(
+                    keys,
+                    self._sums,
+                    cube=self.cube,
+                    crs=self.crs,
+                    n_points=self.n_points,
+                    box=self._box(),
+                    max_depth=self.max_depth,
+                    keep=self._keep_depth or self.max_depth,
+                    limit=self._limit(max(self.n_points, self._hint or 0))
+                    if is_limited
+                    else float("inf"),
+                    scratch=self._scratch,
+                )
             self._sums.close()
         return self._built
 
-    def _drained_keys(self) -> Iterator[U64]:
-        yield from self._keys.stream()
+    def _drained_keys(self) -> Generator[U64]:
+        with ahead(self._keys.stream()) as pieces:  # merged in a thread while they are folded
+            yield from pieces
         self._keys.close()  # before the metadata is folded: not both at once
 
     def finish(self, depth: int | str = "auto", min_occupancy: float | None = None) -> Volume:
@@ -288,6 +280,12 @@ class VolaBuilder:
         self._sums.close()
         if self._built is not None:
             self._built.close()
+
+
+def _nowhere() -> I64:
+    """Return the box of no points, to be widened."""
+    far = np.iinfo(np.int64)
+    return np.repeat(np.array([far.max, far.min]), 3)
 
 
 def _pieces(chunk: PointChunk) -> Iterator[PointChunk]:

@@ -1,15 +1,15 @@
 """Sorted runs of keys or rows of sums: merged as they grow, spilled to files when over budget.
 
-The runs form a stack in which each is more than twice as long as the next one, so a row takes part
-in few merges. When memory runs out the whole stack goes to one sorted file; sixteen files of a
-size become one. What comes out at the end is one sorted stream, whatever happened before.
+Runs of keys form a stack in which each is more than twice as long as the next one, so a key takes
+part in few merges. When memory runs out the whole stack goes to one sorted file; sixteen files of
+a size become one. What comes out at the end is one sorted stream, whatever happened before.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Generator, Iterator
 from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
@@ -27,7 +27,10 @@ PIECE_BYTES = 1 << 19
 _FAN_IN = 16
 
 _MOST_LOOSE = 1 << 22
-"""Keys of short runs that are sorted together at most."""
+"""Keys that are sorted together."""
+
+_LOOSE_PART = 4
+"""They take at most this part of the budget, one fourth."""
 
 
 class Runs:
@@ -48,7 +51,6 @@ class Runs:
     def __init__(self, scratch: Scratch, share: float = 0.7) -> None:
         self._scratch = scratch
         self._share = share
-        self._stack: list[Rows] = []
         self._tiers: list[list[_FileRun]] = []
         self._digits = 0  # by how many the keys of files may have to be shortened; see SumRuns
 
@@ -60,47 +62,16 @@ class Runs:
     def _merge(self, left: Rows, right: Rows) -> Rows:
         raise NotImplementedError
 
-    def _grown(self, rows: Rows) -> None:
-        pass
-
-    def push(self, rows: Rows) -> None:
+    def spill(self, *runs: Rows) -> None:
         """
-        Add a run.
+        Write runs to one file.
 
         Parameters
         ----------
-        rows : array of the kind's rows
-            Sorted, keys not repeated. Taken over: the caller must not change it.
+        *runs : arrays of the kind's rows
+            Each sorted, no key twice in it.
         """
-        if not len(rows):
-            return
-        if not self._scratch.take(_held_bytes(rows), self._share):
-            self._spill(rows)
-            return
-        self._stack.append(rows)
-        while len(self._stack) > 1 and len(self._stack[-2]) <= 2 * len(self._stack[-1]):
-            if not self._merge_last_two():
-                break
-        self._grown(self._stack[-1])
-
-    def _merge_last_two(self) -> bool:
-        left, right = self._stack[-2:]
-        expected = left.nbytes + right.nbytes
-        if not self._scratch.take(expected, self._share):
-            return False
-        merged = self._merge(left, right)
-        if merged.nbytes < expected * 7 // 8:
-            merged = merged.copy()  # a view would hold the whole array that it was cut from
-        self._stack[-2:] = [merged]
-        self._scratch.give(expected - _held_bytes(merged))
-        self._scratch.give(_held_bytes(left) + _held_bytes(right))
-        return True
-
-    def _spill(self, rows: Rows) -> None:
-        """Write the stack and one more run to one file."""
-        streams = [self._slices(run) for run in (*self._stack, rows)]
-        self._add_file(0, self._written(self._merged(streams)))
-        self._clear_stack()
+        self._add_file(0, self._written(self._merged([self._slices(run) for run in runs])))
 
     def _add_file(self, tier: int, run: _FileRun) -> None:
         if tier == len(self._tiers):
@@ -157,7 +128,7 @@ class Runs:
     def _folded(self, pieces: Iterator[Rows], digits: int) -> Iterator[Rows]:
         raise NotImplementedError
 
-    def _merged(self, streams: list[Iterator[Rows]]) -> Iterator[Rows]:
+    def _merged(self, streams: list[Iterator[Rows]]) -> Generator[Rows]:
         """Merge sorted streams: each time the rows up to the least of the last keys in sight."""
         heads: list[Rows] = []
         alive: list[Iterator[Rows]] = []
@@ -188,9 +159,14 @@ class Runs:
                     else:
                         heads[i] = following
 
-    def stream(self) -> Iterator[Rows]:
+    def stream(self, *runs: Rows) -> Generator[Rows]:
         """
         Yield all rows in order, in pieces.
+
+        Parameters
+        ----------
+        *runs : arrays of the kind's rows
+            Sorted runs in RAM, beside those in files.
 
         Yields
         ------
@@ -198,16 +174,10 @@ class Runs:
             Sorted; no key twice in all pieces together. Not to be changed.
         """
         files = [self._read(run) for tier in self._tiers for run in tier]
-        return self._merged(files + [self._slices(run) for run in self._stack])
-
-    def _clear_stack(self) -> None:
-        for run in self._stack:
-            self._scratch.give(_held_bytes(run))
-        self._stack = []
+        return self._merged(files + [self._slices(run) for run in runs])
 
     def close(self) -> None:
-        """Drop everything and give the memory back."""
-        self._clear_stack()
+        """Drop the files."""
         for tier in self._tiers:
             for run in tier:
                 run.file.close()
@@ -237,26 +207,24 @@ class KeyRuns(Runs):
     ----------
     scratch, share :
         As for `Runs`.
-    depth : int
-        Level of the keys.
-    on_growth : callable, optional
-        Called now and then with how many cells of level 0 to `depth` are occupied for certain,
-        (depth + 1,) int64: the counts of the longest run so far.
+
+    Notes
+    -----
+    New keys wait unsorted in one buffer of up to some four million, which is sorted at once:
+    cheaper than sorting and merging short runs.
     """
 
-    def __init__(
-        self,
-        scratch: Scratch,
-        depth: int,
-        share: float = 0.7,
-        on_growth: Callable[[I64], None] | None = None,
-    ) -> None:
+    def __init__(self, scratch: Scratch, share: float = 0.7) -> None:
         super().__init__(scratch, share)
-        self._depth = depth
-        self._on_growth = on_growth
-        self._longest = 0
-        self._loose: list[Rows] = []
-        self._n_loose = self._n_joined = 0
+        self._stack: list[Rows] = []
+        self._loose: U64 = np.empty(0, np.uint64)
+        self._n_loose = 0
+        self._counted_bytes = 0  # of the buffer, in the budget
+        self._usual = 0
+        budget = scratch.budget_bytes
+        self._most = _MOST_LOOSE
+        if budget is not None:
+            self._most = min(self._most, int(budget * share) // (8 * _LOOSE_PART))
 
     def _merge(self, left: Rows, right: Rows) -> Rows:
         from volatool.kernels import levels
@@ -264,64 +232,110 @@ class KeyRuns(Runs):
         merged: U64 = levels.merge_keys(left, right)
         return merged
 
-    def push(self, rows: Rows) -> None:
+    def room(self, n: int) -> U64:
         """
-        Add a run.
+        Return where keys can be written; `filled` takes them over.
 
         Parameters
         ----------
-        rows : (n,) array of uint64
-            Sorted, no key twice. Taken over: the caller must not change it.
+        n : int
+            How many there may be.
 
-        Notes
-        -----
-        Short runs wait until they are a quarter of what is there, and are joined by one sort:
-        sorting is cheaper than merging them one by one.
+        Returns
+        -------
+        room : (m,) array of uint64
+            `n` or more.
         """
-        if not len(rows):
-            return
-        if not self._scratch.take(_held_bytes(rows), self._share):
-            self._loosen()
-            super().push(rows)
-            return
-        self._loose.append(rows)
-        self._n_loose += len(rows)
-        if self._n_loose >= min(self._n_joined // 4, _MOST_LOOSE):
+        if self._n_loose + n > len(self._loose):
+            self._widen(n)
+        return self._loose[self._n_loose :]
+
+    def _widen(self, n: int) -> None:
+        """Make the buffer larger, or if the budget has no more, empty it."""
+        size = min(max(self._n_loose + n, 2 * len(self._loose), self._usual), self._most + n)
+        is_counted = self._scratch.take(8 * size, self._share)
+        if not is_counted:
+            self._join()
+            if n <= len(self._loose):
+                return
+            self._drop_buffer()
+            size = n
+            is_counted = self._scratch.take(8 * size, self._share)
+        loose = np.empty(size, np.uint64)
+        loose[: self._n_loose] = self._loose[: self._n_loose]
+        self._drop_buffer()
+        self._loose, self._usual = loose, size
+        self._counted_bytes = loose.nbytes if is_counted else 0
+
+    def _drop_buffer(self) -> None:
+        self._scratch.give(self._counted_bytes)
+        self._loose, self._counted_bytes = np.empty(0, np.uint64), 0
+
+    def filled(self, n: int) -> None:
+        """Take over the first `n` keys that were written to `room`, in any order."""
+        self._n_loose += n
+        if self._n_loose >= self._most:
             self._join()
 
+    def push(self, keys: U64) -> None:
+        """Add keys in any order, repeated or not."""
+        self.room(len(keys))[: len(keys)] = keys
+        self.filled(len(keys))
+
     def _join(self) -> None:
-        """Make one run of the short ones that wait."""
+        """Make one run of the keys that wait."""
         from volatool.kernels import levels
 
-        if not self._loose:
-            return
-        held = sum(map(_held_bytes, self._loose))
-        n_bytes = 8 * self._n_loose
-        if len(self._loose) > 1 and not self._scratch.take(n_bytes, self._share):
-            self._loosen()
-            return
-        if len(self._loose) > 1:
-            joined = np.concatenate(self._loose)
-            joined.sort()
-            n_distinct = int(levels.drop_repeats(joined))
-            rows = joined if n_distinct > len(joined) * 7 // 8 else joined[:n_distinct].copy()
-            rows = rows[:n_distinct]
-            held += n_bytes
+        keys = self._loose[: self._n_loose]
+        keys.sort()
+        keys = keys[: int(levels.drop_repeats(keys))]
+        self._n_loose = 0
+        if len(keys) > len(self._loose) * 7 // 8:
+            self._drop_buffer()  # it is the run's from now on
+            self._add_run(keys)
+        elif self._scratch.take(keys.nbytes, self._share):
+            self._scratch.give(keys.nbytes)
+            self._add_run(keys.copy())
         else:
-            rows = self._loose[0]
-        self._loose, self._n_loose = [], 0
-        self._scratch.give(held)
-        self._n_joined += len(rows)
-        super().push(rows)
+            self._spill_all(keys)
 
-    def _loosen(self) -> None:
-        """Hand the short runs on as they are: there is no memory to join them."""
-        self._stack += self._loose
-        self._loose, self._n_loose = [], 0
+    def _add_run(self, keys: Rows) -> None:
+        if not len(keys):
+            return
+        if not self._scratch.take(_held_bytes(keys), self._share):
+            self._spill_all(keys)
+            return
+        self._stack.append(keys)
+        while len(self._stack) > 1 and len(self._stack[-2]) <= 2 * len(self._stack[-1]):
+            if not self._merge_last_two():
+                break
 
-    def stream(self) -> Iterator[Rows]:
+    def _merge_last_two(self) -> bool:
+        left, right = self._stack[-2:]
+        expected = left.nbytes + right.nbytes
+        if not self._scratch.take(expected, self._share):
+            return False
+        merged = self._merge(left, right)
+        if merged.nbytes < expected * 7 // 8:
+            merged = merged.copy()  # a view would hold the whole array that it was cut from
+        self._stack[-2:] = [merged]
+        self._scratch.give(expected - _held_bytes(merged))
+        self._scratch.give(_held_bytes(left) + _held_bytes(right))
+        return True
+
+    def _spill_all(self, keys: Rows) -> None:
+        """Write the stack and one more run to one file."""
+        self.spill(*self._stack, keys)
+        self._clear_stack()
+
+    def _clear_stack(self) -> None:
+        for run in self._stack:
+            self._scratch.give(_held_bytes(run))
+        self._stack = []
+
+    def stream(self, *runs: Rows) -> Generator[Rows]:
         """
-        Yield all rows in order, in pieces.
+        Yield all keys in order, in pieces.
 
         Yields
         ------
@@ -329,36 +343,15 @@ class KeyRuns(Runs):
             Sorted; no key twice in all pieces together. Not to be changed.
         """
         self._join()
-        return super().stream()
+        self._drop_buffer()
+        return super().stream(*self._stack, *runs)
 
     def close(self) -> None:
         """Drop everything and give the memory back."""
-        self._loosen()
+        self._n_loose = 0
+        self._drop_buffer()
+        self._clear_stack()
         super().close()
-
-    def _grown(self, rows: Rows) -> None:
-        from volatool.kernels import levels
-
-        if self._on_growth is not None and len(rows) > self._longest + self._longest // 4:
-            self._longest = len(rows)
-            self._on_growth(levels.prefix_counts(rows, self._depth))
-
-    def _written(self, pieces: Iterator[Rows]) -> _FileRun:
-        if self._on_growth is None:
-            return super()._written(pieces)
-        from volatool.kernels import levels
-
-        least = np.zeros(self._depth + 1, np.int64)
-
-        def watched() -> Iterator[Rows]:
-            for piece in pieces:
-                # a cell may be in two pieces that follow each other, hence less one each
-                least[:] += levels.prefix_counts(piece, self._depth) - 1
-                yield piece
-
-        run = super()._written(watched())
-        self._on_growth(least)
-        return run
 
 
 class SumRuns(Runs):
@@ -377,15 +370,8 @@ class SumRuns(Runs):
         return merged
 
     def coarsen(self, digits: int) -> None:
-        """Make the blocks `digits` levels coarser: in RAM now, in files when they are read."""
-        from volatool.kernels import reduce
-
+        """Make the blocks `digits` levels coarser; those in files are when they are read."""
         self._digits += digits
-        stack, self._stack = self._stack, []
-        for run in stack:
-            self._scratch.give(_held_bytes(run))
-        for run in stack:
-            self.push(reduce.fold_rows(run, digits).copy())
 
     def _folded(self, pieces: Iterator[Rows], digits: int) -> Iterator[Rows]:
         from volatool.kernels import reduce

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from volatool.cube import OUTSIDE, Quantizer
 from volatool.errors import OptionError
-from volatool.model import I32, U64, PointChunk
+from volatool.model import I32, I64, U64, PointChunk
 from volatool.scratch import Scratch
 from volatool.vola.fold import Sink, fold_sums
-from volatool.vola.metadata import ATTRIBUTES, Ranges, Scaling, check_channels
+from volatool.vola.metadata import ATTRIBUTES, Ranges, Scaling, attributes_for, check_channels
 from volatool.vola.runs import SumRuns
+
+_LEAST_ROWS = 1 << 14
+"""Rows of the smallest table."""
 
 _DTYPES = {
     "classification": np.uint8,
@@ -39,13 +44,42 @@ class MetadataSums:
         Memory budget.
     share : float
         Part of the whole budget that may be in use when sums are kept in RAM.
+    limit : float
+        A level below 2 with more blocks than this is given up: the sums become coarser.
+
+    Notes
+    -----
+    The sums are in a hash table as long as the budget has room for it; then its rows become a
+    sorted run and a new table begins. Points that follow each other in a file mostly are in one
+    block or in few, so that most of them find their row in the processor's cache. The first points
+    are held back until it is plain which levels have too many blocks: a row takes more memory than
+    a point.
     """
 
-    def __init__(self, channels: Iterable[str], level: int, scratch: Scratch, share: float) -> None:
+    def __init__(
+        self,
+        channels: Iterable[str],
+        level: int,
+        scratch: Scratch,
+        share: float,
+        limit: float = math.inf,
+    ) -> None:
         self.channels = check_channels(channels)
         self.level = level
-        self.ranges = Ranges()
+        self._scratch = scratch
+        self._share = share
+        self._limit = limit
+        self._next_count = limit  # rows from which on blocks may be over the limit
         self._runs = SumRuns(scratch, share)
+        self._rows: I64 = np.empty((0, *SumRuns.row_shape), np.int64)
+        self._slots: I32 = np.empty(0, np.int32)
+        self._n_rows = 0
+        self._counted_bytes = 0  # of the table, in the budget
+        far = np.iinfo(np.int64)
+        self._held: list[tuple[PointChunk, Quantizer]] = []
+        self._held_bytes = 0
+        self._patience = 2 * limit if math.isfinite(limit) else 0.0  # points to hold back
+        self._ranges: I64 = np.array([far.max, far.min, 0, 0])
         self._heights: tuple[float, float] | None = None  # scale and offset of the sums of z
         self._nothing: dict[str, NDArray[Any]] = {}
 
@@ -66,54 +100,157 @@ class MetadataSums:
                         "have; leave the channel out"
                     )
 
-    def add(self, points: PointChunk, keys: U64, depth: int, order: U64 | None, bits: int) -> None:
+    def add(
+        self, points: PointChunk, quantizer: Quantizer, keys: U64, tally: I64, box: I64
+    ) -> None:
         """
-        Add points.
+        Add points and write their path keys.
 
         Parameters
         ----------
         points : PointChunk
-            All inside the cube, at most ``2**bits``.
-        keys : (n,) array of uint64
-            Their path keys.
-        depth : int
-            Level of the keys.
-        order : (n,) array of uint64, sorted, or None
-            ``key << bits | number of the point``, where that fits 64 bits.
-        bits : int
-            How many the number of a point has.
+            All inside the cube, unless `can_add`.
+        quantizer : Quantizer
+            Of these points.
+        keys, tally, box
+            As for `volatool.kernels.collect.collect_sums`.
         """
-        from volatool.kernels import reduce
+        from volatool.kernels import collect
 
-        z = self._stored_heights(points)
-        columns = [self._column(points, name) for name in _DTYPES]
-        code, red, green, blue, returns, intensity = columns
-        self.ranges.add(z, dict(zip(_DTYPES, columns, strict=True)))
-        digits = depth - self.level + 1  # of a key that are below its block
-        if order is not None:
-            parts = [(0, order, bits, bits + 6 * digits)]
-        else:
-            # the blocks are shorter than the keys, and the pieces are cut to the bits left
-            free = min(64 - 6 * (self.level - 1), bits)
-            blocks = keys >> np.uint64(6 * digits)
-            parts = [
-                (start, _numbered(blocks[start : start + (1 << free)], free), free, free)
-                for start in range(0, len(keys), 1 << free)
-            ]
-        for start, ordered, index_bits, block_shift in parts:
-            rows = reduce.sum_points(
-                ordered,
-                index_bits,
-                block_shift,
-                code[start:],
-                red[start:],
-                green[start:],
-                blue[start:],
-                z[start:],
-                returns[start:],
-                intensity[start:],
+        x, y, z = (np.ascontiguousarray(a, np.int32) for a in (points.x, points.y, points.z))
+        if self._patience:
+            collect.collect_keys(x, y, z, *quantizer.plan, quantizer.depth, keys, tally, box)
+            self._hold(points, quantizer)
+            return
+        heights = self._stored_heights(points, z)
+        code, red, green, blue, returns, intensity = (self._column(points, n) for n in _DTYPES)
+        if not len(self._rows):
+            self._widen()
+        while True:
+            tally[collect.ROWS] = self._n_rows
+            collect.collect_sums(
+                x,
+                y,
+                z,
+                *quantizer.plan,
+                quantizer.depth,
+                keys,
+                tally,
+                box,
+                quantizer.depth - self.level + 1,
+                code,
+                red,
+                green,
+                blue,
+                heights,
+                returns,
+                intensity,
+                self._slots,
+                self._rows,
+                self._ranges,
             )
-            self._runs.push(rows.copy())
+            self._n_rows = int(tally[collect.ROWS])
+            if tally[collect.NEXT] == len(x):
+                return
+            self._make_room()
+
+    def _hold(self, points: PointChunk, quantizer: Quantizer) -> None:
+        """Keep points for later, if the budget has the memory."""
+        names = attributes_for(self.channels)
+        copy = PointChunk(
+            points.start,
+            points.x.copy(),
+            points.y.copy(),
+            points.z.copy(),
+            points.scale,
+            points.offset,
+            {name: points.attributes[name].copy() for name in names},
+        )
+        self._held.append((copy, quantizer))
+        n_bytes = 12 * len(copy) + sum(values.nbytes for values in copy.attributes.values())
+        if self._scratch.take(n_bytes, self._share):
+            self._held_bytes += n_bytes
+            self._patience -= len(copy)
+        else:
+            self._patience = 0.0
+        if self._patience <= 0:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Give up the levels with too many blocks and add the points that were held back."""
+        self._patience = 0.0
+        held, self._held = self._held, []
+        if not held:
+            return
+        keys = np.concatenate([quantizer.keys(p.x, p.y, p.z) for p, quantizer in held])
+        keys.sort()
+        keys = keys[: np.searchsorted(keys, OUTSIDE)]
+        self._rule_out(keys >> np.uint64(6 * (held[0][1].depth - self.level + 1)))
+        for points, quantizer in held:
+            keys = np.empty(len(points), np.uint64)  # and what is told here is known already
+            self.add(points, quantizer, keys, np.zeros(4, np.int64), np.zeros(6, np.int64))
+        self._scratch.give(self._held_bytes)
+        self._held_bytes = 0
+
+    def _make_room(self) -> None:
+        """Have a free row: by coarser blocks, a larger table or an empty one."""
+        if self._n_rows > self._next_count:
+            self._rule_out(np.sort((self._rows[: self._n_rows, 0] >> 8).view(np.uint64)))
+        if self._n_rows > len(self._rows) // 2:
+            self._widen()
+
+    def _widen(self) -> None:
+        """Double the table, or if the budget has no more, empty it."""
+        from volatool.kernels import collect
+
+        capacity = max(2 * len(self._rows), _LEAST_ROWS)
+        rows = np.empty((capacity, *self._rows.shape[1:]), np.int64)
+        slots = np.empty(2 * capacity, np.int32)
+        n_bytes = rows.nbytes + slots.nbytes
+        is_counted = self._scratch.take(n_bytes, self._share)
+        if not is_counted and len(self._rows):
+            self._empty()
+            return
+        rows[: self._n_rows] = self._rows[: self._n_rows]
+        self._scratch.give(self._counted_bytes + self._held_bytes)
+        self._held, self._held_bytes = [], 0
+        self._rows, self._slots = rows, slots
+        self._counted_bytes = n_bytes if is_counted else 0
+        collect.regroup(self._rows, self._n_rows, 0, self._slots)
+
+    def _empty(self) -> None:
+        """Make a sorted run of the table."""
+        from volatool.kernels import collect
+
+        self._runs.spill(self._sorted())
+        self._slots[:] = collect.EMPTY
+        self._n_rows = 0
+
+    def _sorted(self) -> I64:
+        """Return the rows in use, put in order; the slots are of no use then."""
+        from volatool.kernels import collect
+
+        rows = self._rows[: self._n_rows]
+        collect.permute_rows(rows, np.argsort(rows[:, 0].copy()))
+        return rows
+
+    def _rule_out(self, blocks: U64) -> None:
+        """Give up the levels that have too many blocks: of these, sorted, of the level at hand."""
+        from volatool.kernels import levels
+
+        voxels = levels.prefix_counts(blocks, self.level - 1)
+        level = self.level
+        while level > 2 and voxels[level - 1] > self._limit:  # of the level above: its blocks
+            level -= 1
+        self.coarsen_to(level)
+        # every further block is a row more at least
+        self._next_count = self._n_rows + self._limit - voxels[level - 1]
+
+    @property
+    def ranges(self) -> Ranges:
+        """Extremes of the attributes added so far."""
+        low, high, colour, intensity = (int(value) for value in self._ranges)
+        return Ranges(low, high, colour, intensity) if low <= high else Ranges()
 
     def _column(self, chunk: PointChunk, name: str) -> NDArray[Any]:
         """Return an attribute, or zeros when no channel is made from it."""
@@ -125,45 +262,52 @@ class MetadataSums:
             zeros = self._nothing[name] = np.zeros(len(chunk), dtype)
         return zeros[: len(chunk)]
 
-    def _stored_heights(self, chunk: PointChunk) -> I32:
+    def can_add(self, chunk: PointChunk) -> bool:
+        """Whether heights count in the steps of the first chunk, so that none is converted."""
+        here = (chunk.scale[2], chunk.offset[2])
+        return here == (self._heights or here) or "height" not in self.channels
+
+    def _stored_heights(self, chunk: PointChunk, z: I32) -> I32:
         """Return stored heights in the scale and offset of the first chunk."""
         here = (chunk.scale[2], chunk.offset[2])
-        if self._heights is None:
-            self._heights = here
-        if here == self._heights or "height" not in self.channels:
-            return np.ascontiguousarray(chunk.z, np.int32)
+        self._heights = self._heights or here
+        if self.can_add(chunk):
+            return z
         scale, offset = self._heights
-        z = np.rint((chunk.z * here[0] + (here[1] - offset)) / scale)
-        if np.abs(z).max() >= 2**31:
+        heights = np.rint((z * here[0] + (here[1] - offset)) / scale)
+        if np.abs(heights).max() >= 2**31:
             raise OptionError(
                 "points with very different height offsets can't share a metadata channel; "
                 "leave out 'height'"
             )
-        stored: I32 = z.astype(np.int32)
+        stored: I32 = heights.astype(np.int32)
         return stored
 
     def coarsen_to(self, level: int) -> None:
         """Tell only the blocks of a coarser level apart from now on."""
+        from volatool.kernels import collect
+
         if level < self.level:
-            self._runs.coarsen(self.level - level)
+            digits = self.level - level
+            self._runs.coarsen(digits)
+            self._n_rows = int(collect.regroup(self._rows, self._n_rows, digits, self._slots))
             self.level = level
 
     def scaling(self, z_unit: str | None) -> Scaling:
         """Return how the sums become bytes, for the points added so far."""
+        self._settle()
         scale, offset = self._heights or (1.0, 0.0)
         return Scaling.of(self.channels, self.ranges, scale, offset, z_unit)
 
     def fold(self, scaling: Scaling, sink: Sink) -> None:
         """Hand the metadata words of levels 1 to `level` to a sink, piece by piece."""
-        fold_sums(self._runs.stream(), self.level, scaling, sink)
+        self._settle()
+        fold_sums(self._runs.stream(self._sorted()), self.level, scaling, sink)
 
     def close(self) -> None:
         """Drop everything."""
+        self._scratch.give(self._counted_bytes + self._held_bytes)
+        self._held, self._held_bytes = [], 0
+        self._rows, self._slots = self._rows[:0].copy(), self._slots[:0].copy()
+        self._n_rows = self._counted_bytes = 0
         self._runs.close()
-
-
-def _numbered(blocks: U64, bits: int) -> U64:
-    order = blocks << np.uint64(bits)
-    order |= np.arange(len(order), dtype=np.uint64)
-    order.sort()
-    return order

@@ -1,0 +1,1 @@
+"""Inputs and outputs that are URLs, through fsspec, which is loaded for them only."""
