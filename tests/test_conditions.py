@@ -99,6 +99,8 @@ def test_a_tile_without_points_passes_no_comparison(text, found):
         ("crs < 5", "only numbers are less or greater"),
         ("snapped == yes", "is true, false or none"),
         ("classes == 2", "has or lacks something"),
+        ("classes.ground > 0", "is not in a report"),
+        ("classes has none", "has and lacks are for"),
         ("depth has 2", "has and lacks are for"),
     ],
 )

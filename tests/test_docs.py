@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from running_docs import TOP, blocks, put_command, shell
 
-TOP = Path(__file__).resolve().parents[1]
 PAGES = [
     "docs/tutorial.md",
     "docs/how-to/many-tiles.md",
@@ -31,18 +29,10 @@ PAGES = [
 ]
 
 
-def blocks(page, language):
-    text = (TOP / page).read_text(encoding="utf-8")
-    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-
-
 @pytest.fixture
 def workplace(tmp_path):
     """Folder with what the pages name: the samples, a folder of tiles, a list of them."""
-    (tmp_path / "bin").mkdir()
-    command = tmp_path / "bin" / "volatool"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m volatool_cli "$@"\n')
-    command.chmod(0o755)
+    put_command(tmp_path)
     shutil.copytree(TOP / "data_samples", tmp_path / "data_samples")
     (tmp_path / "tiles").mkdir()
     sample = tmp_path / "data_samples" / "forest.laz"
@@ -50,18 +40,6 @@ def workplace(tmp_path):
         (tmp_path / name).symlink_to(sample)
     (tmp_path / "tiles.txt").write_text("tiles/a_2024.laz\ntiles/b.laz\n")
     return tmp_path
-
-
-def shell(line, folder):
-    path = f"{folder / 'bin'}:{os.environ['PATH']}"
-    return subprocess.run(
-        ["bash", "-euo", "pipefail", "-c", line],
-        cwd=folder,
-        env={**os.environ, "PATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
 
 
 @pytest.mark.parametrize("page", PAGES)

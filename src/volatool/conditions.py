@@ -38,6 +38,8 @@ _CONDITION = re.compile(
 )
 _LEVEL = re.compile(r"levels\.([1-9]\d*)\.(\w+)")
 
+_NO_KEY = re.compile(r"\.CODE$|\b(?:classes|returns)\.(?!\d+$)")  # a count of which is always 0
+
 _Value = float | bool | str | None
 
 
@@ -118,7 +120,7 @@ def parse_condition(text: str) -> Condition:
     name, symbol, written = match.groups()
     full, kind = _resolve(name)
     value = _parse_value(written, kind, name)
-    if symbol in _SET and kind != "set":
+    if symbol in _SET and (kind != "set" or value is None):
         raise OptionError(f"{text!r}: has and lacks are for classes, returns, dropped, warnings")
     if symbol not in _SET and kind == "set":
         raise OptionError(f"{text!r}: {name} has or lacks something; it is not a value")
@@ -173,7 +175,7 @@ def _resolve(name: str) -> tuple[str, str]:
     pattern = f"levels.N.{level[2]}" if level else name
     for prefix in ("", *(f"{section}." for section in _SECTIONS)):
         for known in (pattern, f"{pattern.rpartition('.')[0]}.CODE"):
-            if prefix + known in _kinds() and not pattern.endswith(".CODE"):
+            if prefix + known in _kinds() and not _NO_KEY.search(name):
                 return prefix + name, _kinds()[prefix + known]
     raise OptionError(f"{name!r} is not in a report; there are {', '.join(condition_names())}")
 
