@@ -13,7 +13,8 @@ from naive_points import geokeys, las_bytes, vlr
 
 from volatool.errors import CodedWarning, CRSError
 from volatool.model import Bounds, CrsInfo
-from volatool.points.crs import crs_from_user
+from volatool.points import crs_file
+from volatool.points.crs import crs_from_user, describe
 from volatool.points.crs_places import latlon, utm_for
 from volatool.points.geokeys import read_geokeys
 from volatool.points.reader import open_points
@@ -164,6 +165,23 @@ def test_names_may_differ_when_the_places_agree() -> None:
     """ETRS89 and WGS 84 zone 32 are the same to a metre: no warning."""
     crs, codes = crs_of(geokeys((3072, 0, 1, 32632)), wkt("EPSG:25832"))
     assert (crs.horizontal, codes) == ("EPSG:25832", [])
+
+
+def test_keys_that_say_what_the_wkt_says_are_not_looked_up(monkeypatch) -> None:
+    """To find their code takes longer than all else; other keys are."""
+    described = []
+
+    def counted(crs: pyproj.CRS, source: str) -> CrsInfo:
+        described.append(source)
+        return describe(crs, source)
+
+    monkeypatch.setattr(crs_file, "describe", counted)
+    record = wkt("EPSG:25832")
+    crs, codes = crs_of(geokeys((3072, 0, 1, 25832)), record)
+    assert (crs.horizontal, crs.source, codes) == ("EPSG:25832", "wkt", [])
+    assert described == ["wkt"]
+    crs_of(geokeys((3072, 0, 1, 32632)), record)
+    assert described == ["wkt", "wkt", "geotiff"]
 
 
 @pytest.mark.parametrize("text", [b"PROJCS[broken", b"\xff\xfe\xfd", b"hello"])
