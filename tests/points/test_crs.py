@@ -321,3 +321,20 @@ def test_warnings_are_coded() -> None:
     """As objects, for the report."""
     with open_points(io.BytesIO(las_bytes())) as source:
         assert all(isinstance(w, CodedWarning) for w in source.warnings)
+
+
+def test_areas_of_use_hold_the_places_that_proj_says() -> None:
+    """Asked for a cell of a degree and then looked through: the same, in the same order."""
+    kind = [pyproj.enums.PJType.PROJECTED_CRS]
+    for lon, lat in [(-123.0, 44.0), (180.0, -17.5), (-180.0, -17.5), (9.0, 48.0), (-179.9, 65.0)]:
+        here = pyproj.aoi.AreaOfInterest(lon, lat, lon, lat)
+        wanted = pyproj.database.query_crs_info("EPSG", kind, here, contains=True)
+        assert wanted
+        every = pyproj.database.query_crs_info("EPSG", kind)
+        held = [one.code for one in every if crs_file._holds(one.area_of_use, lon, lat)]
+        assert held == [one.code for one in wanted]
+        for one in wanted[::9]:
+            text = pyproj.CRS.from_epsg(int(one.code)).to_wkt()
+            west, south = min(int(lon // 1), 179), min(int(lat // 1), 89)
+            near = crs_file._equals_near(text, west, south)
+            assert int(one.code) in [code for code, _ in near]

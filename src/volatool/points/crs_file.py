@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import warnings as python_warnings
 from dataclasses import replace
@@ -230,7 +231,8 @@ def _identified(crs: CrsInfo, header: LasHeader) -> CrsInfo:
     Give a projected CRS without a code the EPSG code of the equal one in use at its place.
 
     Files often name theirs in a way that PROJ's own search, by name first, does not find:
-    tiles/autzen-2010-oregon-10.6M.laz is EPSG:2994. Takes 0.1 s.
+    tiles/autzen-2010-oregon-10.6M.laz is EPSG:2994. Takes 0.1 s for the first
+    tile of a place.
     """
     if crs.epsg is not None or crs.is_geographic or crs.wkt2 is None:
         return crs
@@ -239,20 +241,46 @@ def _identified(crs: CrsInfo, header: LasHeader) -> CrsInfo:
     horizontal, vertical = split(pyproj.CRS.from_wkt(crs.wkt2))
     if place is None or not horizontal.is_projected:
         return crs
-    (lat, lon), kind = place, pyproj.enums.PJType.PROJECTED_CRS
-    here = pyproj.aoi.AreaOfInterest(lon, lat, lon, lat)
-    equal = []
-    for known in pyproj.database.query_crs_info("EPSG", [kind], here, contains=True):
-        candidate = pyproj.CRS.from_epsg(int(known.code))
-        if candidate.equals(horizontal, ignore_axis_order=True):
-            equal.append(candidate)
+    lat, lon = place
+    near = _equals_near(horizontal.to_wkt(), min(math.floor(lon), 179), min(math.floor(lat), 89))
+    equal = [code for code, area in near if _holds(area, lon, lat)]
     if len(equal) != 1:
         return crs
-    whole = equal[0] if vertical is None else compound(equal[0], vertical)
+    whole = pyproj.CRS.from_epsg(equal[0])
+    if vertical is not None:
+        whole = compound(whole, vertical)
     found = describe(whole, crs.source)
     if found.unit_z is None:
         found = replace(found, unit_z=crs.unit_z, metres_per_unit_z=crs.metres_per_unit_z)
     return found
+
+
+@functools.lru_cache(maxsize=64)
+def _equals_near(wkt: str, west: int, south: int) -> tuple[tuple[int, pyproj.aoi.AreaOfUse], ...]:
+    """Return code and area of the EPSG's CRS that equal one and are in use in a degree cell."""
+    crs, kind = pyproj.CRS.from_wkt(wkt), pyproj.enums.PJType.PROJECTED_CRS
+    # a margin, for PROJ may not count areas that only touch
+    cell = pyproj.aoi.AreaOfInterest(
+        max(west - 0.1, -180.0),
+        max(south - 0.1, -90.0),
+        min(west + 1.1, 180.0),
+        min(south + 1.1, 90.0),
+    )
+    near = pyproj.database.query_crs_info("EPSG", [kind], cell)
+    return tuple(
+        (int(known.code), known.area_of_use)
+        for known in near
+        if known.area_of_use is not None
+        and pyproj.CRS.from_epsg(int(known.code)).equals(crs, ignore_axis_order=True)
+    )
+
+
+def _holds(area: pyproj.aoi.AreaOfUse, lon: float, lat: float) -> bool:
+    if area.west > area.east:  # across the date line
+        is_along = lon >= area.west or lon <= area.east
+    else:
+        is_along = area.west <= lon <= area.east
+    return bool(is_along and area.south <= lat <= area.north)
 
 
 def _resolved(crs: str | CrsInfo, source: str) -> CrsInfo:
