@@ -65,7 +65,7 @@ def n_threads() -> int:
     return min(n_cores(), int(share)) if share.isdecimal() and int(share) else n_cores()
 
 
-def working_budget(ceiling_bytes: int) -> int:
+def working_budget(ceiling_bytes: int, with_dem: bool = True) -> int:
     """
     Return how much of a memory ceiling is left for working arrays.
 
@@ -73,13 +73,15 @@ def working_budget(ceiling_bytes: int) -> int:
     ----------
     ceiling_bytes : int
         For the whole process.
+    with_dem : bool
+        An elevation model will be made.
 
     Raises
     ------
     ResourceError
         ``E_MEMORY``: the ceiling is too low for the process to work at all.
     """
-    _load_libraries()
+    _load_libraries(with_dem)
     used = rss_bytes()
     least = used + RESERVE_BYTES // 2 + MIN_BUDGET_BYTES
     if least > ceiling_bytes:
@@ -90,24 +92,27 @@ def working_budget(ceiling_bytes: int) -> int:
     return max(MIN_BUDGET_BYTES, ceiling_bytes - used - RESERVE_BYTES)
 
 
-def _load_libraries() -> None:
+def _load_libraries(with_dem: bool) -> None:
     """Load what a conversion loads anyway, so that it is counted before memory is shared out."""
     import numpy as np
 
-    from volatool.kernels import (
-        binning,
-        contiguity,
-        ground,
-        levels,
-        multigrid,
-        quantize,
-        reduce,
-        spring,
-        surface,
-        words,
-    )
+    from volatool.kernels import census, collect, levels, quantize, reduce, words
 
-    del binning, contiguity, ground, levels, multigrid, reduce, spring, surface, words
+    del census, collect, levels, reduce, words
+    if with_dem:
+        from volatool.kernels import (
+            binning,
+            conjugate,
+            contiguity,
+            ground,
+            multigrid,
+            product,
+            spring,
+            surface,
+            sweep,
+        )
+
+        del binning, conjugate, contiguity, ground, multigrid, product, spring, surface, sweep
     quantize.key_cells(np.zeros(1, np.uint64), 1)  # the first kernel brings in the compiler
 
 

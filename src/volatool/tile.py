@@ -118,7 +118,8 @@ def convert_tile(
     if kind == "dem" and _is_volume(path):
         return _volume_dem(path, options, outdir, overwrite, planned, started)
     with open_source(path, options, kind=kind) as source, OutputSet(overwrite) as outputs:
-        with Scratch(resources.working_budget(options.memory)) as scratch:
+        budget = resources.working_budget(options.memory, _wants_dem(kind, options))
+        with Scratch(budget) as scratch:
             tile = _Tile(path, options, kind, outdir, source, scratch, outputs)
             report = tile.run(progress)
         report = _with_usage(report, options, started)
@@ -185,7 +186,7 @@ def planned_outputs(
             suffixes.append(".preview.png")
     if kind == "classify":
         suffixes.append(".laz")
-    if kind == "dem" or (kind in _WRITERS and options.dem):
+    if _wants_dem(kind, options):
         suffixes += [".dem.tif", *(f".dem.{layer}.tif" for layer in options.layers)]
     folder = path.parent if outdir is None else outdir
     return [folder / (stem(path) + suffix) for suffix in suffixes]
@@ -271,6 +272,10 @@ def _opened(path: Path, options: ConvertOptions, kind: str) -> Iterator[PointSou
         yield source
 
 
+def _wants_dem(kind: str, options: ConvertOptions) -> bool:
+    return kind == "dem" or (kind in _WRITERS and options.dem)
+
+
 def _is_volume(path: Path) -> bool:
     return path.name.lower().endswith(VOLUME_SUFFIXES)
 
@@ -339,7 +344,7 @@ class _Tile:
         self.scratch = scratch
         self.outputs = outputs
         self.warnings: list[CodedWarning] = []
-        self.wants_dem = kind == "dem" or (kind in _WRITERS and options.dem)
+        self.wants_dem = _wants_dem(kind, options)
         self.channels = self._channels()
 
     def target(self, suffix: str) -> Path:

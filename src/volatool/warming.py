@@ -88,7 +88,7 @@ def _convert(folder: Path) -> None:
     base = replace(_OPTIONS, dense="always", layers=("count", "flag", "distance"), preview=True)
     for options in (base, replace(_OPTIONS, crs=None)):
         convert_tile(path, options, outdir=folder, overwrite=True)
-    _tile(path, code=1)  # no ground class: the ground filter
+    _tile(path, code=1, n_low=3)  # no ground class: the ground filter, and its low guard
     convert_tile(path, base, outdir=folder, overwrite=True)
     _tile(path, with_colour=False)
     convert_tile(path, base, kind="stats")
@@ -236,8 +236,9 @@ def _tile(
     east: float = 0.0,
     seed: int = 0,
     n_points: int = 3000,
+    n_low: int = 0,
 ) -> Path:
-    """Write a LAS 1.2 file, point format 3 or 1, of a rough ground of one class."""
+    """Write a LAS 1.2 file, point format 3 or 1, of a rough ground of one class; some far below."""
     fields = [("x", "<i4"), ("y", "<i4"), ("z", "<i4"), ("intensity", "<u2"), ("returns", "u1"),
               ("class", "u1"), ("angle", "i1"), ("user", "u1"), ("source", "<u2"),
               ("time", "<f8")]  # fmt: skip
@@ -248,6 +249,7 @@ def _tile(
     points["x"] = rng.integers(0, round(_SIDE * 100), n_points)
     points["y"] = rng.integers(0, round(_SIDE * 100), n_points)
     points["z"] = points["x"] // 20 + rng.integers(0, 30, n_points)
+    points["z"][:n_low] -= 2000
     points["returns"] = 0b001001
     points["class"] = code
     if with_colour:

@@ -13,7 +13,8 @@ from naive_points import geokeys, las_bytes, vlr
 
 from volatool.errors import CodedWarning, CRSError
 from volatool.model import Bounds, CrsInfo
-from volatool.points.crs import crs_from_user
+from volatool.points import crs_file
+from volatool.points.crs import crs_from_user, describe
 from volatool.points.crs_places import latlon, utm_for
 from volatool.points.geokeys import read_geokeys
 from volatool.points.reader import open_points
@@ -166,6 +167,23 @@ def test_names_may_differ_when_the_places_agree() -> None:
     assert (crs.horizontal, codes) == ("EPSG:25832", [])
 
 
+def test_keys_that_say_what_the_wkt_says_are_not_looked_up(monkeypatch) -> None:
+    """To find their code takes longer than all else; other keys are."""
+    described = []
+
+    def counted(crs: pyproj.CRS, source: str) -> CrsInfo:
+        described.append(source)
+        return describe(crs, source)
+
+    monkeypatch.setattr(crs_file, "describe", counted)
+    record = wkt("EPSG:25832")
+    crs, codes = crs_of(geokeys((3072, 0, 1, 25832)), record)
+    assert (crs.horizontal, crs.source, codes) == ("EPSG:25832", "wkt", [])
+    assert described == ["wkt"]
+    crs_of(geokeys((3072, 0, 1, 32632)), record)
+    assert described == ["wkt", "wkt", "geotiff"]
+
+
 @pytest.mark.parametrize("text", [b"PROJCS[broken", b"\xff\xfe\xfd", b"hello"])
 def test_broken_wkt_falls_back_to_the_keys(text: bytes) -> None:
     """With a warning."""
@@ -303,3 +321,20 @@ def test_warnings_are_coded() -> None:
     """As objects, for the report."""
     with open_points(io.BytesIO(las_bytes())) as source:
         assert all(isinstance(w, CodedWarning) for w in source.warnings)
+
+
+def test_areas_of_use_hold_the_places_that_proj_says() -> None:
+    """Asked for a cell of a degree and then looked through: the same, in the same order."""
+    kind = [pyproj.enums.PJType.PROJECTED_CRS]
+    for lon, lat in [(-123.0, 44.0), (180.0, -17.5), (-180.0, -17.5), (9.0, 48.0), (-179.9, 65.0)]:
+        here = pyproj.aoi.AreaOfInterest(lon, lat, lon, lat)
+        wanted = pyproj.database.query_crs_info("EPSG", kind, here, contains=True)
+        assert wanted
+        every = pyproj.database.query_crs_info("EPSG", kind)
+        held = [one.code for one in every if crs_file._holds(one.area_of_use, lon, lat)]
+        assert held == [one.code for one in wanted]
+        for one in wanted[::9]:
+            text = pyproj.CRS.from_epsg(int(one.code)).to_wkt()
+            west, south = min(int(lon // 1), 179), min(int(lat // 1), 89)
+            near = crs_file._equals_near(text, west, south)
+            assert int(one.code) in [code for code, _ in near]
