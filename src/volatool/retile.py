@@ -7,6 +7,7 @@ nothing from another, so that groups can run anywhere, in any order, and again.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections import defaultdict
@@ -16,7 +17,9 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from volatool.catalog.headers import crs_document, crs_from_document, headers_of
+from volatool._version import __version__
+from volatool.batch.identity import Identity, identify
+from volatool.catalog.headers import crs_document, crs_from_document, headers_of, shared_name
 from volatool.census import box_corners, header_box
 from volatool.channels import CHANNELS
 from volatool.errors import CRSError, FormatError, InputError, OptionError, VolatoolError
@@ -47,16 +50,18 @@ class Piece:
     Parameters
     ----------
     path : str
-        Absolute.
-    size_bytes, mtime_ns, n_points, record_bytes : int
-        Of the file, as it was when the groups were planned.
+        Absolute, or a URL.
+    identity : dict or None
+        Of the file, as it was when the groups were planned: a group changes when a file does.
+    size_bytes, n_points, record_bytes : int
+        Of the file.
     columns : tuple of 4 int
         Columns of cubes that its header's box touches.
     """
 
     path: str
+    identity: Identity | None
     size_bytes: int
-    mtime_ns: int
     n_points: int
     record_bytes: int
     columns: Columns
@@ -181,6 +186,8 @@ def plan(
 
     Raises
     ------
+    OptionError
+        A URL holds a secret: see `volatool.catalog.headers.shared_name`.
     CRSError
         ``E_CRS``: files are in different CRS.
     FormatError
@@ -210,12 +217,11 @@ def plan(
             )
             continue
         low = [math.floor(value / side) for value in _corners(box, header, crs)]
-        state = path.stat()
         pieces.append(
             Piece(
-                str(path.resolve()),
-                state.st_size,
-                state.st_mtime_ns,
+                shared_name(path),
+                identify(path),
+                header.size_bytes,
                 n_points,
                 header.record_bytes,
                 (low[0], low[1], low[3] + 1, low[4] + 1),
@@ -331,8 +337,10 @@ def write_groups(groups: Sequence[Group], folder: Path) -> list[Path]:
     paths : list of pathlib.Path
         In the order of the groups.
     """
-    from volatool.outputs import OutputSet
+    from volatool.outputs import OutputSet, sweep
 
+    if folder.is_dir():
+        sweep(folder)
     paths = [folder / (group.name + GROUP_SUFFIX) for group in groups]
     with OutputSet(overwrite=True) as outputs:
         for path, group in zip(paths, groups, strict=True):
@@ -340,7 +348,53 @@ def write_groups(groups: Sequence[Group], folder: Path) -> list[Path]:
             if not (path.is_file() and path.read_text(encoding="utf-8") == content):
                 outputs.add(path).write_text(content, encoding="utf-8")
         outputs.commit()
-    for path in folder.glob(f"*{GROUP_SUFFIX}"):
-        if path not in paths:
-            path.unlink()
+    for path in set(folder.glob(f"*{GROUP_SUFFIX}")).difference(paths):
+        path.unlink()
     return paths
+
+
+COUNT_NAME = "dataset.json"
+"""File beside those of the groups: the sum over all of them, which their depth follows from."""
+
+_PROOF_NAME = "dataset.proof.json"
+
+
+def count_proof(groups: Iterable[Group], options: str) -> str:
+    """
+    Return what changes when the sum over groups might.
+
+    Parameters
+    ----------
+    groups : iterable of Group
+        All of them; they tell the identities of their files.
+    options : str
+        Digest of the options for counting.
+    """
+    digest = hashlib.sha256(f"{__version__} {options}".encode())
+    for group in groups:
+        digest.update(group.to_json().encode())
+    return digest.hexdigest()
+
+
+def is_counted(folder: Path, proof: str) -> bool:
+    """Whether the sum in a folder of groups is proven to be the same as a new one would be."""
+    try:
+        document = json.loads((folder / _PROOF_NAME).read_text(encoding="utf-8"))
+        count = (folder / COUNT_NAME).read_bytes()
+        return bool(document == _proven(count, proof))
+    except (OSError, ValueError):
+        return False
+
+
+def keep_proof(folder: Path, proof: str) -> None:
+    """Write down that the sum in a folder of groups is whole, and of what it is."""
+    from volatool.outputs import OutputSet
+
+    with OutputSet(overwrite=True) as outputs:
+        text = dumps(_proven((folder / COUNT_NAME).read_bytes(), proof)) + "\n"
+        outputs.add(folder / _PROOF_NAME).write_text(text, encoding="utf-8")
+        outputs.commit()
+
+
+def _proven(count: bytes, proof: str) -> dict[str, str]:
+    return {"of": proof, "sha256": hashlib.sha256(count).hexdigest()}
