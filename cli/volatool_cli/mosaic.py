@@ -34,8 +34,8 @@ def run_mosaic(arguments: dict[str, Any], kind: str) -> None:
         return
     from volatool.batch.plan import expand, refuse_collisions
     from volatool.dem.mosaic import finish, planned, prepare, set_path
-    from volatool.outputs import refuse_existing
     from volatool.naming import stem
+    from volatool.outputs import refuse_existing
     from volatool.tile import planned_outputs
     from volatool_cli.output import configure_logging
 
@@ -57,21 +57,22 @@ def run_mosaic(arguments: dict[str, Any], kind: str) -> None:
             message = f"--mosaic {name}: {taken.name} is a tile's; give another name"
             raise OptionError(message, "E_NAME_COLLISION")
         refuse_existing(outputs, may_exist)
-    status = 0
+    status, failed = 0, set[Path]()
     if not arguments["dry_run"]:
         configure_logging(arguments["quiet"], arguments["verbose"], arguments["log"])
         prepare(paths, options, folder, name, None if params_from is None else Path(params_from))
         arguments |= {"neighbours": (shared,), "params_from": shared}
     quiet, dry_run, as_json = (arguments[key] for key in ("quiet", "dry_run", "as_json"))
     try:
-        run_tiles({**arguments, "inputs": paths, "nul": False}, kind)
+        run_tiles({**arguments, "inputs": paths, "nul": False, "failed_inputs": failed}, kind)
     except SystemExit as end:
         status = int(end.code or 0)
     if dry_run:
         for target in targets:
             click.echo(str(target))
     elif status in (ExitCode.OK, ExitCode.SOME_FAILED):
-        models = [folder / (stem(path) + ".dem.tif") for path in paths]
+        # of a tile that failed there may be a model of an earlier run
+        models = [folder / (stem(path) + ".dem.tif") for path in paths if path not in failed]
         models = [path for path in models if path.is_file()]
         if models:
             document, written = finish(models, folder, name, options, cog=cog, overwrite=may_exist)

@@ -26,7 +26,14 @@ def run_retile(arguments: dict[str, Any]) -> None:
     from volatool.batch.plan import expand
     from volatool.batch.resume import options_digest
     from volatool.outputs import refuse_existing
-    from volatool.retile import COUNT_NAME, GROUP_SUFFIX, count_proof, is_counted, plan, write_groups
+    from volatool.retile import (
+        COUNT_NAME,
+        GROUP_SUFFIX,
+        count_proof,
+        is_counted,
+        plan,
+        write_groups,
+    )
     from volatool.tile import planned_outputs
     from volatool.volumes import check_files
 

@@ -72,7 +72,12 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     arguments : dict
         The command's options by parameter name.
     kind : str
-        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
+        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"``, ``"classify"`` or ``"retile"``.
+
+    Notes
+    -----
+    Commands made of several runs give more: ``failed_inputs``, a set that takes the paths of those,
+    ``summary_to`` and ``say_warnings``.
     """
     quiet = arguments.pop("quiet")
     configure_logging(quiet, arguments.pop("verbose"), arguments.pop("log"))
@@ -82,6 +87,7 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     summary_to = arguments.pop("summary_to", None)
     gates = arguments.pop("gates", ())
     told = partial(_told, with_warnings=arguments.pop("say_warnings", not quiet))
+    failed_inputs: set[Path] = arguments.pop("failed_inputs", set())
     fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
@@ -147,6 +153,8 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
             for result in in_order(results) if kind == "stats" else results:
                 report = result.report
                 n_inputs += 1
+                if report.error is not None:
+                    failed_inputs.add(paths[result.index])
                 with watcher.aside():
                     codes += told(report)
                     if table is None:
