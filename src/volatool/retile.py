@@ -11,8 +11,8 @@ import hashlib
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from volatool.channels import CHANNELS
 from volatool.errors import CRSError, FormatError, InputError, OptionError, VolatoolError
 from volatool.model import CrsInfo, as_fraction
 from volatool.options import ConvertOptions
+from volatool.points.header import LasHeader
 from volatool.report import dumps
 
 GROUP_SUFFIX = ".cubes"
@@ -201,7 +202,7 @@ def plan(
                 f"--{flag.replace('_', '-')} is about one file's points: it can't go with retile"
             )
     failed: dict[Path, VolatoolError] = {}
-    headers = list(headers_of(paths, options, failed))
+    headers = list(_slim(headers_of(paths, options, failed)))
     if not headers:
         return [], failed
     crs = _common_crs(headers)
@@ -242,6 +243,24 @@ def plan(
         sum(piece.n_points * piece.record_bytes for piece in pieces),
     )
     return _groups(frame, pieces, max(layers) - min(layers) + 1), failed
+
+
+def _slim(
+    found: Iterable[tuple[Path, LasHeader, CrsInfo, int]],
+) -> Iterator[tuple[Path, LasHeader, CrsInfo, int]]:
+    """Yield headers without what is not needed, and once what is equal: files may be very many."""
+    crs_known: dict[CrsInfo, CrsInfo] = {}
+    known: dict[Any, Any] = {}
+    for path, header, crs, n_points in found:
+        small = replace(
+            header,
+            vlrs=(),
+            warnings=(),
+            dimensions=known.setdefault(header.dimensions, header.dimensions),
+            scale=known.setdefault(header.scale, header.scale),
+            offset=known.setdefault(header.offset, header.offset),
+        )
+        yield path, small, crs_known.setdefault(crs, crs), n_points
 
 
 def _corners(box: Any, header: Any, crs: CrsInfo) -> list[Fraction]:
