@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import jsonschema
@@ -10,6 +11,7 @@ import pytest
 from making_tiles import write_las
 
 import volatool as vt
+from volatool import outputs
 from volatool.errors import CRSError, FormatError, InputError, OptionError
 from volatool.options import ConvertOptions
 from volatool.report import schema
@@ -133,6 +135,36 @@ def test_groups_that_stay_the_same_are_not_written_again(files, tmp_path):
     target.write_text("{}", encoding="utf-8")
     with pytest.raises(FormatError, match="not a group"):
         read_group(target)
+
+
+def test_a_group_whose_file_has_changed_since_is_refused(files, tmp_path):
+    """Of the same size and as many points, but another time."""
+    paths, _ = files
+    groups, _ = plan(paths, ConvertOptions(split=SIDE), "all")
+    (target,) = write_groups(groups, tmp_path / "g")
+    kept = paths[0].stat()
+    os.utime(paths[0], ns=(kept.st_atime_ns, kept.st_mtime_ns + 1_000_000_000))
+    try:
+        with pytest.raises(InputError, match=f"{paths[0].name}: has changed since"):
+            convert_tile(target, ConvertOptions(split=SIDE), kind="retile", outdir=tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+        write_groups(plan(paths, ConvertOptions(split=SIDE), "all")[0], tmp_path / "g")
+        assert read_group(target) != groups[0]
+    finally:
+        os.utime(paths[0], ns=(kept.st_atime_ns, kept.st_mtime_ns))
+
+
+def test_what_is_left_by_a_killed_run_beside_the_groups_goes(files, tmp_path):
+    paths, _ = files
+    groups, _ = plan(paths, ConvertOptions(split=SIDE), "all")
+    folder = tmp_path / "g"
+    (target,) = write_groups(groups, folder)
+    left = folder / f".{target.name}.0.volatool-{outputs._HOST[:24]}-999999999.tmp.cubes"
+    left.touch()
+    other = folder / "all_x9..9_y9..9.cubes"
+    other.touch()
+    assert write_groups(groups, folder) == [target]
+    assert list(folder.iterdir()) == [target]
 
 
 def test_each_file_is_in_the_groups_that_it_touches(tmp_path, monkeypatch):

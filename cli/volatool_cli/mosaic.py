@@ -11,7 +11,7 @@ import click
 from volatool.errors import OptionError
 from volatool.options import ConvertOptions
 from volatool_cli.exit_codes import ExitCode
-from volatool_cli.run import RUN_ONLY, convert_options, run_tiles, stdin_names
+from volatool_cli.run import RUN_ONLY, convert_options, refuse_url, run_tiles, stdin_names
 
 
 def run_mosaic(arguments: dict[str, Any], kind: str) -> None:
@@ -34,6 +34,7 @@ def run_mosaic(arguments: dict[str, Any], kind: str) -> None:
         return
     from volatool.batch.plan import expand, refuse_collisions
     from volatool.dem.mosaic import finish, planned, prepare, set_path
+    from volatool.naming import stem
     from volatool.outputs import refuse_existing
     from volatool.tile import planned_outputs
     from volatool_cli.output import configure_logging
@@ -46,33 +47,32 @@ def run_mosaic(arguments: dict[str, Any], kind: str) -> None:
     options = _options(arguments, shared)
     if not name or Path(name).name != name:
         raise OptionError(f"--mosaic {name!r}: give a name without folders")
-    outputs = [planned_outputs(path, options, kind, folder) for path in paths]
     may_exist = arguments["overwrite"] or arguments.get("resume", False)
     targets = planned(folder, name, options, cog=cog)
-    taken = {path for tile in outputs for path in tile}.intersection(targets)
-    if taken:
-        raise OptionError(
-            f"--mosaic {name}: {min(taken).name} is a tile's; give another name", "E_NAME_COLLISION"
-        )
     refuse_collisions(paths, folder)
     refuse_existing(targets, may_exist)
-    refuse_existing([path for tile in outputs for path in tile], may_exist)
-    status = 0
-    given = [_literal(path) for path in paths]
+    for path in paths:  # they may be very many: no list of all their outputs
+        outputs = planned_outputs(path, options, kind, folder)
+        for taken in set(outputs).intersection(targets):
+            message = f"--mosaic {name}: {taken.name} is a tile's; give another name"
+            raise OptionError(message, "E_NAME_COLLISION")
+        refuse_existing(outputs, may_exist)
+    status, failed = 0, set[Path]()
     if not arguments["dry_run"]:
         configure_logging(arguments["quiet"], arguments["verbose"], arguments["log"])
         prepare(paths, options, folder, name, None if params_from is None else Path(params_from))
         arguments |= {"neighbours": (shared,), "params_from": shared}
     quiet, dry_run, as_json = (arguments[key] for key in ("quiet", "dry_run", "as_json"))
     try:
-        run_tiles({**arguments, "inputs": given, "nul": False}, kind)
+        run_tiles({**arguments, "inputs": paths, "nul": False, "failed_inputs": failed}, kind)
     except SystemExit as end:
         status = int(end.code or 0)
     if dry_run:
         for target in targets:
             click.echo(str(target))
     elif status in (ExitCode.OK, ExitCode.SOME_FAILED):
-        models = [path for tile in outputs for path in tile if path.name.endswith(".dem.tif")]
+        # of a tile that failed there may be a model of an earlier run
+        models = [folder / (stem(path) + ".dem.tif") for path in paths if path not in failed]
         models = [path for path in models if path.is_file()]
         if models:
             document, written = finish(models, folder, name, options, cog=cog, overwrite=may_exist)
@@ -98,17 +98,14 @@ def _folder(outdir: str | None, paths: list[Path]) -> Path:
     if outdir is not None:
         if not outdir:
             raise OptionError("--outdir is an empty name; is a shell variable unset?")
+        refuse_url(outdir, "--mosaic")
         return Path(outdir)
     folders = {path.parent for path in paths}
     if len(folders) > 1:
         raise OptionError("--mosaic names models in one folder: give --outdir")
-    return folders.pop()
-
-
-def _literal(path: Path) -> str:
-    """Return a name that is taken as it is, whatever it begins with."""
-    name = str(path)
-    return f"./{name}" if name.startswith(("-", "@")) else name
+    folder = folders.pop()
+    refuse_url(str(folder), "--mosaic")
+    return folder
 
 
 def _say(document: dict[str, Any], quiet: bool) -> None:

@@ -103,8 +103,7 @@ def _summary(paths: Sequence[Path], arguments: dict[str, Any]) -> tuple[Report, 
             return reports[0], ExitCode.OK
     with tempfile.TemporaryDirectory(prefix="volatool-") as folder:
         target = Path(folder) / "dataset.json"
-        given = [f"./{path}" if str(path).startswith(("-", "@")) else str(path) for path in paths]
-        asked = {**arguments, "inputs": given, "nul": False, "fail_fast": False}
+        asked = {**arguments, "inputs": list(paths), "nul": False, "fail_fast": False}
         status = int(ExitCode.OK)
         try:
             run_tiles({**asked, "form": "json", "summary": True, "summary_to": target}, "stats")

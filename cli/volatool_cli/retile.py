@@ -11,7 +11,7 @@ import click
 from volatool.errors import InputError, OptionError
 from volatool_cli.exit_codes import ExitCode
 from volatool_cli.output import configure_logging
-from volatool_cli.run import RUN_ONLY, convert_options, run_tiles, stdin_names
+from volatool_cli.run import RUN_ONLY, convert_options, refuse_url, run_tiles, stdin_names
 
 
 def run_retile(arguments: dict[str, Any]) -> None:
@@ -24,8 +24,16 @@ def run_retile(arguments: dict[str, Any]) -> None:
         The command's options by parameter name.
     """
     from volatool.batch.plan import expand
+    from volatool.batch.resume import options_digest
     from volatool.outputs import refuse_existing
-    from volatool.retile import plan, write_groups
+    from volatool.retile import (
+        COUNT_NAME,
+        GROUP_SUFFIX,
+        count_proof,
+        is_counted,
+        plan,
+        write_groups,
+    )
     from volatool.tile import planned_outputs
     from volatool.volumes import check_files
 
@@ -35,6 +43,7 @@ def run_retile(arguments: dict[str, Any]) -> None:
         raise OptionError(f"--name {name!r}: give a name without folders")
     if not outdir:
         raise OptionError("retile needs a folder for its cubes: --outdir")
+    refuse_url(outdir, "retile")
     names, nul = arguments.pop("inputs"), arguments.pop("nul")
     paths = expand(names, stdin_names(nul) if "-" in names else ())
     options = convert_options({k: v for k, v in arguments.items() if k not in RUN_ONLY})
@@ -47,7 +56,7 @@ def run_retile(arguments: dict[str, Any]) -> None:
             sys.exit(ExitCode.ALL_FAILED)
         raise InputError("none of the files has a point: there is nothing to cut")
     folder = Path(outdir) / f"{name}.cubes"
-    targets = [folder / (group.name + ".cubes") for group in groups]
+    targets = [folder / (group.name + GROUP_SUFFIX) for group in groups]
     may_exist = arguments["overwrite"] or arguments.get("resume", False)
     outputs = [planned_outputs(path, options, "retile", Path(outdir))[0] for path in targets]
     refuse_existing(outputs, may_exist)
@@ -56,24 +65,31 @@ def run_retile(arguments: dict[str, Any]) -> None:
             click.echo(f"{group.name}: {len(group.pieces)} files", err=True)
             click.echo(str(path))
         return
-    given = [str(path) for path in write_groups(groups, folder)]
-    work = {**arguments, "inputs": given, "nul": False}
+    work = {**arguments, "inputs": write_groups(groups, folder), "nul": False}
     if not options.depth_options:
-        work["depth_from"] = str(_one_depth(work, folder / "dataset.json"))
+        proof = count_proof(groups, options_digest(options, "stats"))
+        if not (arguments.get("resume", False) and is_counted(folder, proof)):
+            _count(work, folder, proof)
+        work["depth_from"] = str(folder / COUNT_NAME)
     status = _status_of(work, "retile")
     if failed and status == ExitCode.OK:
         status = ExitCode.SOME_FAILED
     sys.exit(status)
 
 
-def _one_depth(work: dict[str, Any], target: Path) -> Path:
-    """Count the cubes of all groups and choose their depth; return the file that says it."""
+def _count(work: dict[str, Any], folder: Path, proof: str) -> None:
+    """Count the cubes of all groups: their depth follows from the sum."""
+    from volatool.retile import COUNT_NAME, keep_proof
+
     outputs = ("outdir", "overwrite", "dry_run", "as_json", "manifest", "resume", "verify")
     asked = {key: value for key, value in work.items() if key not in outputs}
-    status = _status_of({**asked, "form": "json", "summary": True, "summary_to": target}, "stats")
-    if status not in (ExitCode.OK, ExitCode.SOME_FAILED):
+    asked |= {"form": "json", "summary": True, "summary_to": folder / COUNT_NAME}
+    # a group has no depth of its own, and all else is said again when it is written
+    status = _status_of({**asked, "say_warnings": False}, "stats")
+    if status == ExitCode.OK:
+        keep_proof(folder, proof)
+    elif status != ExitCode.SOME_FAILED:
         sys.exit(status)
-    return target
 
 
 def _status_of(arguments: dict[str, Any], kind: str) -> int:

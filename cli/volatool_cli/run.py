@@ -6,6 +6,7 @@ import contextlib
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from volatool.batch.plan import expand
 from volatool.errors import OptionError, VolatoolError
 from volatool.naming import IMPORT_SUFFIXES, POINT_SUFFIXES, VOLUME_SUFFIXES
 from volatool.options import ConvertOptions
-from volatool.remote.path import path_of
+from volatool.remote.path import is_url, path_of
 from volatool.report import Report
 from volatool_cli.exit_codes import ExitCode
 from volatool_cli.output import configure_logging, say_warnings
@@ -71,7 +72,12 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     arguments : dict
         The command's options by parameter name.
     kind : str
-        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
+        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"``, ``"classify"`` or ``"retile"``.
+
+    Notes
+    -----
+    Commands made of several runs give more: ``failed_inputs``, a set that takes the paths of those,
+    ``summary_to`` and ``say_warnings``.
     """
     quiet = arguments.pop("quiet")
     configure_logging(quiet, arguments.pop("verbose"), arguments.pop("log"))
@@ -80,6 +86,8 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
     form, summary = arguments.pop("form", None), arguments.pop("summary", False)
     summary_to = arguments.pop("summary_to", None)
     gates = arguments.pop("gates", ())
+    told = partial(_told, with_warnings=arguments.pop("say_warnings", not quiet))
+    failed_inputs: set[Path] = arguments.pop("failed_inputs", set())
     fail_fast, overwrite = arguments.pop("fail_fast"), arguments.pop("overwrite", False)
     dry_run, outdir = arguments.pop("dry_run", False), arguments.pop("outdir", None)
     if outdir == "":
@@ -140,13 +148,15 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
             if table is not None:
                 for report in reports_in(saved):
                     n_inputs += 1
-                    codes += _told(report, quiet)
+                    codes += told(report)
                     table.add(report, n_inputs)
             for result in in_order(results) if kind == "stats" else results:
                 report = result.report
                 n_inputs += 1
+                if report.error is not None:
+                    failed_inputs.add(paths[result.index])
                 with watcher.aside():
-                    codes += _told(report, quiet)
+                    codes += told(report)
                     if table is None:
                         _print_result(report, as_json)
                     else:
@@ -167,13 +177,13 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         sys.exit(ExitCode.CHECK_FAILED)
 
 
-def _told(report: Report, quiet: bool) -> list[str]:
+def _told(report: Report, *, with_warnings: bool) -> list[str]:
     """Say what was wrong with an input; return the code of its error, if any."""
     if report.error is not None:
         click.echo(f"{report.error['code']}: {report.error['message']}", err=True)
         return [report.error["code"]]
-    if report.input is not None:
-        say_warnings(report.input["name"], report.warnings, quiet)
+    if report.input is not None and with_warnings:
+        say_warnings(report.input["name"], report.warnings, quiet=False)
     return []
 
 
@@ -241,6 +251,15 @@ def convert_options(arguments: dict[str, Any]) -> ConvertOptions:
     arguments["fill"] = not arguments.pop("no_fill", False)
     arguments["resources"] = not arguments.pop("no_resources")
     return ConvertOptions(**arguments)
+
+
+def refuse_url(outdir: str, command: str) -> None:
+    """Raise if what a command keeps for all its tiles would have to be at a URL."""
+    if is_url(outdir):
+        raise OptionError(
+            f"{command} needs a local folder for what its tiles share: give another --outdir and "
+            "copy it when it is done"
+        )
 
 
 def stdin_names(nul: bool) -> list[str]:

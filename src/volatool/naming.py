@@ -19,6 +19,9 @@ VOLUME_SUFFIXES = (".vol.gz", ".dvol.gz", ".vol", ".dvol")
 LAYERS = ("count", "flag", "distance", "sigma")
 """Rasters that may stand beside an elevation model: ``NAME.dem.LAYER.tif``."""
 
+SET_SUFFIX = ".set.json"
+"""What the index of headers ends in that the tiles of a mosaic share."""
+
 OUTPUT_SUFFIXES = (
     *VOLUME_SUFFIXES,
     ".stats.json",

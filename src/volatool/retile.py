@@ -7,21 +7,25 @@ nothing from another, so that groups can run anywhere, in any order, and again.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from volatool.catalog.headers import crs_document, crs_from_document, headers_of
+from volatool._version import __version__
+from volatool.batch.identity import Identity, identify
+from volatool.catalog.headers import crs_document, crs_from_document, headers_of, shared_name
 from volatool.census import box_corners, header_box
 from volatool.channels import CHANNELS
 from volatool.errors import CRSError, FormatError, InputError, OptionError, VolatoolError
 from volatool.model import CrsInfo, as_fraction
 from volatool.options import ConvertOptions
+from volatool.points.header import LasHeader
 from volatool.report import dumps
 
 GROUP_SUFFIX = ".cubes"
@@ -47,16 +51,18 @@ class Piece:
     Parameters
     ----------
     path : str
-        Absolute.
-    size_bytes, mtime_ns, n_points, record_bytes : int
-        Of the file, as it was when the groups were planned.
+        Absolute, or a URL.
+    identity : dict or None
+        Of the file, as it was when the groups were planned: a group changes when a file does.
+    size_bytes, n_points, record_bytes : int
+        Of the file.
     columns : tuple of 4 int
         Columns of cubes that its header's box touches.
     """
 
     path: str
+    identity: Identity | None
     size_bytes: int
-    mtime_ns: int
     n_points: int
     record_bytes: int
     columns: Columns
@@ -181,6 +187,8 @@ def plan(
 
     Raises
     ------
+    OptionError
+        A URL holds a secret: see `volatool.catalog.headers.shared_name`.
     CRSError
         ``E_CRS``: files are in different CRS.
     FormatError
@@ -194,7 +202,7 @@ def plan(
                 f"--{flag.replace('_', '-')} is about one file's points: it can't go with retile"
             )
     failed: dict[Path, VolatoolError] = {}
-    headers = list(headers_of(paths, options, failed))
+    headers = list(_slim(headers_of(paths, options, failed)))
     if not headers:
         return [], failed
     crs = _common_crs(headers)
@@ -210,12 +218,11 @@ def plan(
             )
             continue
         low = [math.floor(value / side) for value in _corners(box, header, crs)]
-        state = path.stat()
         pieces.append(
             Piece(
-                str(path.resolve()),
-                state.st_size,
-                state.st_mtime_ns,
+                shared_name(path),
+                identify(path),
+                header.size_bytes,
                 n_points,
                 header.record_bytes,
                 (low[0], low[1], low[3] + 1, low[4] + 1),
@@ -236,6 +243,24 @@ def plan(
         sum(piece.n_points * piece.record_bytes for piece in pieces),
     )
     return _groups(frame, pieces, max(layers) - min(layers) + 1), failed
+
+
+def _slim(
+    found: Iterable[tuple[Path, LasHeader, CrsInfo, int]],
+) -> Iterator[tuple[Path, LasHeader, CrsInfo, int]]:
+    """Yield headers without what is not needed, and once what is equal: files may be very many."""
+    crs_known: dict[CrsInfo, CrsInfo] = {}
+    known: dict[Any, Any] = {}
+    for path, header, crs, n_points in found:
+        small = replace(
+            header,
+            vlrs=(),
+            warnings=(),
+            dimensions=known.setdefault(header.dimensions, header.dimensions),
+            scale=known.setdefault(header.scale, header.scale),
+            offset=known.setdefault(header.offset, header.offset),
+        )
+        yield path, small, crs_known.setdefault(crs, crs), n_points
 
 
 def _corners(box: Any, header: Any, crs: CrsInfo) -> list[Fraction]:
@@ -331,8 +356,10 @@ def write_groups(groups: Sequence[Group], folder: Path) -> list[Path]:
     paths : list of pathlib.Path
         In the order of the groups.
     """
-    from volatool.outputs import OutputSet
+    from volatool.outputs import OutputSet, sweep
 
+    if folder.is_dir():
+        sweep(folder)
     paths = [folder / (group.name + GROUP_SUFFIX) for group in groups]
     with OutputSet(overwrite=True) as outputs:
         for path, group in zip(paths, groups, strict=True):
@@ -340,7 +367,53 @@ def write_groups(groups: Sequence[Group], folder: Path) -> list[Path]:
             if not (path.is_file() and path.read_text(encoding="utf-8") == content):
                 outputs.add(path).write_text(content, encoding="utf-8")
         outputs.commit()
-    for path in folder.glob(f"*{GROUP_SUFFIX}"):
-        if path not in paths:
-            path.unlink()
+    for path in set(folder.glob(f"*{GROUP_SUFFIX}")).difference(paths):
+        path.unlink()
     return paths
+
+
+COUNT_NAME = "dataset.json"
+"""File beside those of the groups: the sum over all of them, which their depth follows from."""
+
+_PROOF_NAME = "dataset.proof.json"
+
+
+def count_proof(groups: Iterable[Group], options: str) -> str:
+    """
+    Return what changes when the sum over groups might.
+
+    Parameters
+    ----------
+    groups : iterable of Group
+        All of them; they tell the identities of their files.
+    options : str
+        Digest of the options for counting.
+    """
+    digest = hashlib.sha256(f"{__version__} {options}".encode())
+    for group in groups:
+        digest.update(group.to_json().encode())
+    return digest.hexdigest()
+
+
+def is_counted(folder: Path, proof: str) -> bool:
+    """Whether the sum in a folder of groups is proven to be the same as a new one would be."""
+    try:
+        document = json.loads((folder / _PROOF_NAME).read_text(encoding="utf-8"))
+        count = (folder / COUNT_NAME).read_bytes()
+        return bool(document == _proven(count, proof))
+    except (OSError, ValueError):
+        return False
+
+
+def keep_proof(folder: Path, proof: str) -> None:
+    """Write down that the sum in a folder of groups is whole, and of what it is."""
+    from volatool.outputs import OutputSet
+
+    with OutputSet(overwrite=True) as outputs:
+        text = dumps(_proven((folder / COUNT_NAME).read_bytes(), proof)) + "\n"
+        outputs.add(folder / _PROOF_NAME).write_text(text, encoding="utf-8")
+        outputs.commit()
+
+
+def _proven(count: bytes, proof: str) -> dict[str, str]:
+    return {"of": proof, "sha256": hashlib.sha256(count).hexdigest()}

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from volatool import resources
+from volatool.batch.identity import identify
 from volatool.census import Census, StoredBox, area_cell_for, box_corners
 from volatool.cube import Cube
 from volatool.encodings import resized
@@ -21,6 +22,7 @@ from volatool.outputs import OutputSet
 from volatool.points.header import LasHeader
 from volatool.points.reader import PointSource
 from volatool.points.select import Selection, selection_for
+from volatool.remote.path import path_of
 from volatool.report import Report
 from volatool.retile import Columns, Frame, Group, Piece, read_group
 from volatool.scan import MAX_CUBES
@@ -168,11 +170,12 @@ class _Work:
 
     def _read(self, piece: Piece) -> None:
         """Take the points of a file that lie in the group."""
-        path = Path(piece.path)
+        path = path_of(piece.path)
+        is_same = identify(path) == piece.identity
         with open_source(path, self.options) as source:
             header = source.header
             self.header = self.header or header
-            if (header.size_bytes, source.n_points) != (piece.size_bytes, piece.n_points):
+            if not is_same or source.n_points != piece.n_points:
                 raise InputError(f"{path.name}: has changed since the cubes were planned")
             selection = selection_for(self.options)
             names = (

@@ -10,6 +10,7 @@ from volatool import tile
 from volatool.batch.work import Unit, lost, perform
 from volatool.model import Bounds
 from volatool.options import ConvertOptions
+from volatool.remote.path import path_of
 from volatool.units import Length
 
 FOREST = Path(__file__).resolve().parents[2] / "data_samples" / "forest.laz"
@@ -43,6 +44,10 @@ def test_units_and_results_survive_pickling(tmp_path):
     )
     unit = Unit(1, FOREST, options, "convert", tmp_path)
     assert pickle.loads(pickle.dumps(unit)) == unit
+    path, outdir = path_of("https://me:secret@host/a/t%201.laz?sign=x"), path_of("s3://bucket/out")
+    unit = pickle.loads(pickle.dumps(Unit(1, path, options, "convert", outdir)))
+    assert (unit.path, unit.path.url, unit.path.name) == (path, path.url, "t 1.laz")
+    assert unit.outdir == outdir
     result = perform(unit_of(FOREST, tmp_path))
     again = pickle.loads(pickle.dumps(result))
     assert again == result

@@ -41,6 +41,14 @@ def test_the_same_lines_whatever_the_number_of_processes(volatool):
     assert one.stderr.count("E_CHECK") == 2
 
 
+def test_the_sum_of_several_processes_is_asked_as_that_of_one(volatool):
+    command = ("stats", "town.laz", "forest.laz", "--summary", "--fail-if", "depth < 9", "-q")
+    one, two = volatool(*command), volatool(*command, "-j", "2")
+    assert one.returncode == two.returncode == 6
+    assert (one.stdout, one.stderr) == (two.stdout, two.stderr)
+    assert one.stderr.startswith("E_CHECK: 2 tiles: depth < 9 (found ")
+
+
 def test_an_unreadable_tile_is_status_3_and_the_others_are_asked(volatool):
     (volatool.folder / "bad.laz").write_bytes(b"no points here")
     done = volatool("stats", "bad.laz", "town.laz", "--fail-if", "depth < 9")

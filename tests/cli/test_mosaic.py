@@ -57,6 +57,16 @@ def test_a_bad_tile_does_not_stop_the_mosaic_of_the_others(volatool, tiles):
     assert not (volatool.folder / "out" / "row.dem.tif").exists()
 
 
+def test_a_model_of_an_earlier_run_does_not_stand_in_for_a_tile_that_fails(volatool, tiles):
+    asked = ("dem", "tiles", "-o", "out", "--mosaic", "row", "--cell", "1m", "--overwrite")
+    assert "mosaic of 3 models" in volatool(*asked).stderr
+    (tiles / "t2.las").write_bytes(b"<html>")
+    done = volatool(*asked)
+    assert done.returncode == 3
+    assert "mosaic of 2 models: 120 x 60 cells" in done.stderr
+    assert (volatool.folder / "out" / "t2.dem.tif").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

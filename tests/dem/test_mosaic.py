@@ -11,7 +11,7 @@ import pytest
 from making_tiles import write_las
 
 from volatool import tile as tile_module
-from volatool.catalog.headers import index_headers, read_set, set_document
+from volatool.catalog.headers import index_headers, read_set, set_lines
 from volatool.dem import mosaic as mosaics
 from volatool.dem.gdal import opened
 from volatool.dem.raster import read_dem
@@ -118,7 +118,8 @@ def test_the_spacing_is_that_of_all_points_in_one(tmp_path):
     out = tmp_path / "out"
     options = ConvertOptions()
     mosaics.prepare(paths, options, out, "set")
-    document = json.loads((out / "set.set.json").read_text(encoding="utf-8"))
+    with (out / "set.set.json").open(encoding="utf-8") as lines:
+        document = json.loads(next(lines))
     alone = convert_tile(whole, options, kind="dem", outdir=out)
     assert document["dem"]["cell"] == alone.dem["cell"]
     assert document["dem"]["spacing"] == pytest.approx(alone.dem["spacing"], rel=0.01)
@@ -157,14 +158,15 @@ def test_the_index_file_holds_what_the_headers_say(tmp_path):
     boxes = index.boxes.copy()
     boxes[1] = np.nan  # a header without a box may be anywhere
     path = tmp_path / "a.set.json"
-    path.write_bytes(set_document(replace(index, boxes=boxes), 1.0, 0.5))
+    path.write_bytes(b"".join(set_lines(replace(index, boxes=boxes), 1.0, 0.5)))
     again = read_set(path)
     assert list(again.paths) == [p.resolve() for p in paths]
     assert again.crs == list(index.crs)
     assert np.array_equal(again.boxes, boxes, equal_nan=True)
     assert again.near(-50, -50, -10, -10) == [1]
     assert again.near(99.5, 99.5, 101, 101) == [0, 1, 2, 3]
-    for text in ("{}", "[", '{"schema": "volatool.set/1", "tiles": {}}'):
+    cut = path.read_text(encoding="utf-8").rpartition("[")[0]
+    for text in ("", "{}", "[", '{"schema": "volatool.set/1", "tiles": {}}', cut):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(FormatError, match=r"a\.set\.json") as error:
             read_set(path)

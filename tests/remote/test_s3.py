@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 
 import pytest
 from making_tiles import hills, write_las
@@ -11,6 +12,7 @@ from making_tiles import hills, write_las
 import volatool as vt
 from volatool.batch.plan import expand
 from volatool.errors import InputError, InputNotFoundError, OutputError, OutputExistsError
+from volatool.options import ConvertOptions
 from volatool.remote import store, uploads
 from volatool.remote.path import path_of
 
@@ -46,6 +48,28 @@ def test_outputs_go_beside_an_input_in_a_bucket(s3, tile):
     volume = vt.open("s3://tiles/in/tile.vol.gz")
     assert volume.depth == 2
     assert len(volume)
+
+
+def test_workers_of_a_cluster_read_and_write_a_bucket(s3, tile, tmp_path):
+    pytest.importorskip("distributed", reason="needs the extra dask")
+    from volatool.batch.cluster import Cluster
+    from volatool.batch.run import run_inputs
+
+    names = ("a", "b")
+    for name in names:
+        s3.put_file(str(tile), f"tiles/in/{name}.las")
+    paths = [path_of(f"s3://tiles/in/{name}.las") for name in names]
+    options, executor = ConvertOptions(**QUICK), Cluster("local", jobs=2)
+    outdir = path_of("s3://tiles/out")
+    results = list(run_inputs(paths, options, kind="convert", outdir=outdir, executor=executor))
+    assert [result.code for result in results] == [None, None]
+    local = []
+    for name in names:
+        shutil.copy(tile, tmp_path / f"{name}.las")
+        local.append(tmp_path / f"{name}.las")
+    list(run_inputs(local, options, kind="convert", outdir=tmp_path / "out"))
+    found = {name.rpartition("/")[2]: s3.cat_file(name) for name in s3.ls("tiles/out")}
+    assert found == {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
 
 
 def test_folders_patterns_and_lists_of_urls_are_inputs(s3, tile, tmp_path):

@@ -12,16 +12,19 @@ from volatool.remote.path import RemotePath, is_url, path_of
 
 
 def expand(
-    arguments: Sequence[str], stdin: Iterable[str] = (), suffixes: tuple[str, ...] = POINT_SUFFIXES
+    arguments: Sequence[str | Path],
+    stdin: Iterable[str] = (),
+    suffixes: tuple[str, ...] = POINT_SUFFIXES,
 ) -> list[Path]:
     """
     Return the input files that arguments name, in order, each once.
 
     Parameters
     ----------
-    arguments : sequence of str
+    arguments : sequence of str or pathlib.Path
         Files, folders (their files, not those of subfolders), shell patterns, ``@list.txt`` (one
-        name a line), ``-`` (names from `stdin`), and URLs of all these.
+        name a line), ``-`` (names from `stdin`), and URLs of all these. A path, not a name, is
+        taken as it is.
     stdin : iterable of str
         The names for ``-``.
     suffixes : tuple of str
@@ -46,12 +49,14 @@ def expand(
 
 
 def _expanded(
-    arguments: Sequence[str], stdin: Iterable[str], suffixes: tuple[str, ...]
+    arguments: Sequence[str | Path], stdin: Iterable[str], suffixes: tuple[str, ...]
 ) -> Iterator[Path]:
     for argument in arguments:
-        if not argument:
+        if isinstance(argument, Path):
+            yield argument
+        elif not argument:
             raise OptionError("an input is an empty name; is a shell variable unset?")
-        if argument == "-":
+        elif argument == "-":
             for name in stdin:
                 if "\0" in name:
                     raise OptionError("names on stdin hold NUL bytes; give -0 if they end names")

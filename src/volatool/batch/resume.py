@@ -15,6 +15,7 @@ from volatool.batch.manifest import absolute
 from volatool.batch.plan import expand
 from volatool.batch.work import digest_of
 from volatool.errors import InputError
+from volatool.naming import SET_SUFFIX
 from volatool.options import ConvertOptions
 from volatool.remote.path import is_url, path_of
 
@@ -30,7 +31,7 @@ def options_digest(options: ConvertOptions, kind: str) -> str:
     ----------
     options : ConvertOptions
         Those that only say how the work is done are left out; files that they name count with
-        their content, neighbours with their identity.
+        their content, neighbours with their identity, the set of a mosaic with its content.
     kind : str
         The command.
 
@@ -63,7 +64,8 @@ def _content(name: str | os.PathLike[str] | None) -> Any:
 def _neighbours(options: ConvertOptions) -> Iterator[Any]:
     if options.neighbours:
         for path in expand(options.neighbours):
-            yield str(path), identify(path)
+            # a set tells the identities of its tiles
+            yield str(path), _content(path) if path.name.endswith(SET_SUFFIX) else identify(path)
 
 
 def proven(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from fractions import Fraction
@@ -12,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from volatool.errors import FormatError, InputNotFoundError, VolatoolError
+from volatool.batch.identity import identify
+from volatool.errors import FormatError, InputNotFoundError, OptionError, VolatoolError
 from volatool.model import F64, CrsInfo
 from volatool.options import ConvertOptions
 from volatool.points.header import LasHeader
+from volatool.remote.path import RemotePath, path_of
 from volatool.report import dumps
 
-SET_SUFFIX = ".set.json"
 SCHEMA = "volatool.set/1"
 
 _OPENING = ("crs", "crs_default", "to_crs", "salvage", "strict")
@@ -94,20 +97,22 @@ def index_headers(paths: Iterable[Path], options: ConvertOptions) -> HeaderIndex
         Of the files that have points, in the order given.
     """
     kept: list[Path] = []
-    boxes: list[tuple[float, ...]] = []
+    boxes = array("d")  # the files may be very many
     numbers: dict[CrsInfo, int] = {}
-    crs_of: list[int] = []
-    n_points: list[int] = []
+    crs_of, n_points = array("q"), array("q")
     failed: dict[Path, VolatoolError] = {}
     for path, header, crs, n in headers_of(paths, options, failed):
         box = header.box
         is_box = np.all(np.isfinite(box)) and all(box[k] <= box[3 + k] for k in range(3))
         kept.append(path)
-        boxes.append(box if is_box else (np.nan,) * 6)
+        boxes.extend(box if is_box else (np.nan,) * 6)
         crs_of.append(numbers.setdefault(crs, len(numbers)))
         n_points.append(n)
-    array = np.array(boxes, np.float64).reshape(-1, 6)
-    return HeaderIndex(kept, array, list(numbers), crs_of, n_points, failed)
+    return HeaderIndex(kept, _rows_of(boxes), list(numbers), crs_of, n_points, failed)
+
+
+def _rows_of(boxes: array[float]) -> F64:
+    return np.frombuffer(boxes, np.float64).reshape(-1, 6)
 
 
 def headers_of(
@@ -137,9 +142,26 @@ def headers_of(
             yield found
 
 
-def set_document(index: HeaderIndex, cell: float, spacing: float) -> bytes:
+def shared_name(path: Path) -> str:
     """
-    Return the file that the tiles of a mosaic share: headers, and what all models have in common.
+    Return the name of a file in what the workers of a set share: absolute.
+
+    Raises
+    ------
+    OptionError
+        A URL with a user, password or signature, which must not be in a file.
+    """
+    if isinstance(path, RemotePath) and path_of(str(path)) != path:
+        raise OptionError(
+            f"{path}: user, password and query of a URL can't be kept for the other tiles; have "
+            "them found elsewhere (~/.netrc, the environment), see docs/how-to/cloud.md"
+        )
+    return str(path.resolve())
+
+
+def set_lines(index: HeaderIndex, cell: float, spacing: float) -> Iterator[bytes]:
+    """
+    Yield the file that the tiles of a mosaic share: headers, and what all models have in common.
 
     Parameters
     ----------
@@ -148,10 +170,17 @@ def set_document(index: HeaderIndex, cell: float, spacing: float) -> bytes:
     cell, spacing : float
         Of the models, in the horizontal unit.
 
-    Returns
-    -------
-    document : bytes
-        JSON; `dem.parameters.read_parameters` takes it, too.
+    Yields
+    ------
+    line : bytes
+        JSON: first an object, which `dem.parameters.read_parameters` takes, too; then for each tile
+        its path, box (or null), number of its CRS, points, and identity: when a file changes, so
+        does the set.
+
+    Raises
+    ------
+    OptionError
+        As `shared_name`.
     """
     unit = index.crs_at(0).unit_xy if len(index) else None
     document = {
@@ -159,14 +188,14 @@ def set_document(index: HeaderIndex, cell: float, spacing: float) -> bytes:
         "dem": {"cell": cell, "spacing": spacing},
         "input": {"crs": {"unit_xy": unit}},
         "crs": [crs_document(crs) for crs in index.crs],
-        "tiles": {
-            "paths": [str(path.resolve()) for path in index.paths],
-            "boxes": index.boxes.tolist(),
-            "crs": list(index.crs_of),
-            "points": list(index.n_points),
-        },
+        "tiles": len(index),
     }
-    return (dumps(document) + "\n").encode()
+    yield (dumps(document) + "\n").encode()
+    for number, path in enumerate(index.paths):
+        box = None if math.isnan(index.boxes[number, 0]) else index.boxes[number].tolist()
+        points = index.n_points[number]
+        row = [shared_name(path), box, index.crs_of[number], points, identify(path)]
+        yield (json.dumps(row, sort_keys=True) + "\n").encode()
 
 
 def read_set(path: Path) -> HeaderIndex:
@@ -188,24 +217,41 @@ def read_set(path: Path) -> HeaderIndex:
 @lru_cache(maxsize=2)
 def _read_set(path: Path, stamp: tuple[int, int]) -> HeaderIndex:
     del stamp  # a file that has changed is another one
+    names: list[str] = []
+    boxes, crs_of, n_points = array("d"), array("q"), array("q")
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        if document["schema"] != SCHEMA:
-            raise ValueError(f"schema {document['schema']!r}")
-        tiles = document["tiles"]
-        boxes = np.array(tiles["boxes"], np.float64).reshape(-1, 6)  # None becomes NaN
-        paths = [Path(name) for name in tiles["paths"]]
-        if not len(paths) == len(boxes) == len(tiles["crs"]) == len(tiles["points"]):
-            raise ValueError("columns of different lengths")
-        return HeaderIndex(
-            paths,
-            boxes,
-            [crs_from_document(one) for one in document["crs"]],
-            [int(number) for number in tiles["crs"]],
-            [int(number) for number in tiles["points"]],
-        )
+        with path.open("rb") as lines:
+            document = json.loads(next(lines, b""))
+            if document["schema"] != SCHEMA:
+                raise ValueError(f"schema {document['schema']!r}")
+            crs = [crs_from_document(one) for one in document["crs"]]
+            for line in lines:
+                name, box, number, n, _ = json.loads(line)
+                names.append(name)
+                x0, y0, z0, x1, y1, z1 = (math.nan,) * 6 if box is None else box
+                boxes.extend((x0, y0, z0, x1, y1, z1))
+                crs_of.append(number)
+                n_points.append(n)
+        if len(names) != document["tiles"]:
+            raise ValueError(f"{len(names)} tiles, told {document['tiles']}")
+        return HeaderIndex(_Paths(names), _rows_of(boxes), crs, crs_of, n_points)
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise FormatError(f"{path}: not a set of tiles ({error})", "E_NOT_REPORT") from error
+
+
+class _Paths(Sequence[Path]):
+    """Names that become paths when they are asked for: of very many few are."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = names
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def __getitem__(self, number: Any) -> Any:
+        if isinstance(number, slice):
+            return _Paths(self._names[number])
+        return path_of(self._names[number])
 
 
 def crs_document(crs: CrsInfo) -> dict[str, Any]:

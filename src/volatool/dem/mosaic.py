@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volatool._version import __version__
-from volatool.catalog.headers import SET_SUFFIX, index_headers, set_document
+from volatool.catalog.headers import index_headers, set_lines
 from volatool.dem.gdal import opened, read_window
 from volatool.dem.parameters import check_unit, measure_parameters, read_parameters
 from volatool.dem.raster import read_profile
@@ -18,7 +19,7 @@ from volatool.dem.statistics import RasterStatistics
 from volatool.dem.vrt import mosaic
 from volatool.encodings import output_stream
 from volatool.errors import FormatError, InputError, OutputError
-from volatool.naming import LAYERS
+from volatool.naming import LAYERS, SET_SUFFIX
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet
 from volatool.report import dumps
@@ -46,7 +47,7 @@ def prepare(
     options : ConvertOptions
         Of the models.
     folder, name : pathlib.Path, str
-        ``NAME.set.json`` is written there, and replaced when it exists.
+        ``NAME.set.json`` is written there; one that is there and the same stays as it is.
     params_from : pathlib.Path, optional
         Reports that give cell and spacing; by default they are measured on some tiles.
 
@@ -72,9 +73,11 @@ def prepare(
         parameters = measure_parameters(index, options)
     path = set_path(folder, name)
     with OutputSet(overwrite=True) as outputs:
-        with output_stream(outputs.add(path)) as stream:
-            stream.write(set_document(index, float(parameters.cell), parameters.spacing))
-        outputs.commit()
+        temporary = outputs.add(path)
+        with output_stream(temporary) as stream:
+            stream.writelines(set_lines(index, float(parameters.cell), parameters.spacing))
+        if not (path.is_file() and filecmp.cmp(temporary, path, shallow=False)):
+            outputs.commit()
     return path
 
 

@@ -22,6 +22,8 @@ from volatool.dem.gather import ROW, SHARE, Beyond, SurfaceGatherer, SurfacePoin
 from volatool.dem.grid import Grid, extended
 from volatool.errors import CodedWarning, CRSError, VolatoolError
 from volatool.model import Bounds, CrsInfo, as_fraction
+from volatool.naming import SET_SUFFIX
+from volatool.remote.path import path_of
 from volatool.scratch import Scratch, Spool
 
 if TYPE_CHECKING:
@@ -124,9 +126,9 @@ def find_neighbours(source: Source, options: ConvertOptions, box: Box) -> list[N
         As of the neighbour's own; ``E_NOT_FOUND`` for one that is not there.
     """
     from volatool.batch.plan import expand
-    from volatool.catalog.headers import SET_SUFFIX, opening_options
+    from volatool.catalog.headers import opening_options
 
-    own = Path(source.path).resolve()
+    own = path_of(source.path).resolve()
     found = []
     names = [name for name in options.neighbours if not name.endswith(SET_SUFFIX)]
     for name in set(options.neighbours).difference(names):

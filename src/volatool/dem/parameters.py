@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from volatool.errors import FormatError, InputError, InputNotFoundError, OptionError
 from volatool.model import CrsInfo, as_fraction
+from volatool.naming import SET_SUFFIX
 
 if TYPE_CHECKING:
     from volatool.catalog.headers import HeaderIndex
@@ -51,7 +52,8 @@ def read_parameters(path: Path) -> Parameters:
     Parameters
     ----------
     path : pathlib.Path
-        A report (``NAME.stats.json``), or one a line as ``--json`` prints them.
+        A report (``NAME.stats.json``), or one a line as ``--json`` prints them; or the set of a
+        mosaic, whose first line tells.
 
     Returns
     -------
@@ -77,7 +79,8 @@ def read_parameters(path: Path) -> Parameters:
 def _read_parameters(path: Path, stamp: tuple[int, int]) -> Parameters:
     del stamp  # a file that has changed is another one
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open(encoding="utf-8-sig") as stream:
+            text = stream.readline() if path.name.endswith(SET_SUFFIX) else stream.read()
     except (OSError, ValueError) as error:
         raise InputNotFoundError(f"{path}: --params-from can't be read ({error})") from error
     made = [
