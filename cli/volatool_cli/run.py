@@ -295,8 +295,9 @@ def _dry_run(
     """Print what would be written, after the checks that need no points."""
     from volatool.batch.plan import refuse_collisions
     from volatool.classification import refuse_inputs
+    from volatool.opening import open_source
     from volatool.outputs import refuse_existing
-    from volatool.tile import open_source, planned_outputs
+    from volatool.tile import planned_outputs
 
     refuse_collisions(paths, outdir)
     if kind == "classify":

@@ -17,13 +17,14 @@ from volatool.encodings import output_stream
 from volatool.errors import CodedWarning, OutputExistsError
 from volatool.model import Bool, PointChunk, Progress, no_progress
 from volatool.naming import stem
+from volatool.opening import open_source
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
 from volatool.remote.path import is_url
 from volatool.report import Report
 from volatool.scan import Scan, TileScanner
 from volatool.scratch import Scratch, Spool
-from volatool.tile import all_filtered, input_document, open_source, planned_outputs
+from volatool.tile import all_filtered, input_document, planned_outputs
 
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfacePoints

@@ -17,6 +17,7 @@ from volatool.cube import Cube
 from volatool.encodings import resized
 from volatool.errors import CodedWarning, FormatError, InputError, ResourceError
 from volatool.model import I32, CrsInfo, PointChunk, Progress, as_fraction
+from volatool.opening import open_source
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet
 from volatool.points.header import LasHeader
@@ -29,7 +30,6 @@ from volatool.scan import MAX_CUBES
 from volatool.scratch import Scratch
 from volatool.snapped import CubeIndex, by_cube, cube_numbers, snapped_cube
 from volatool.summary import summed_inputs
-from volatool.tile import open_source
 from volatool.vola.builder import VolaBuilder
 from volatool.vola.metadata import attributes_for
 from volatool.volumes import depth_in_advance, make_volumes

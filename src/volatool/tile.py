@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import astuple, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,18 +17,16 @@ from volatool.elevation import make_elevation
 from volatool.encodings import output_stream
 from volatool.errors import (
     CodedWarning,
-    CRSError,
-    FormatError,
     InputError,
     ResourceError,
     VolatoolError,
 )
-from volatool.model import Bounds, Progress, no_progress
-from volatool.naming import VOLUME_SUFFIXES, stem
+from volatool.model import Progress, no_progress
+from volatool.naming import stem
+from volatool.opening import is_volume, open_source
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing
 from volatool.remote.path import is_url
-from volatool.remote.staging import local_copy
 from volatool.report import Report
 from volatool.retile import GROUP_SUFFIX, is_group
 from volatool.scan import Scan, TileScanner
@@ -40,8 +36,6 @@ from volatool.volumes import VolumePart, depth_in_advance, make_volumes, own_dep
 if TYPE_CHECKING:
     from volatool.dem.gather import SurfaceGatherer
     from volatool.dem.surfaces import Dem
-    from volatool.imports.source import ImportSource
-    from volatool.points.reader import PointSource
     from volatool.points.source import Source
     from volatool.vola.builder import VolaBuilder
     from volatool.vola.volume import Volume
@@ -92,7 +86,7 @@ def convert_tile(
     VolatoolError
         And nothing is left behind.
     """
-    if kind == "stats" and _is_volume(path):
+    if kind == "stats" and is_volume(path):
         from volatool.volume_stats import volume_report
 
         return volume_report(path, options)
@@ -115,7 +109,7 @@ def convert_tile(
                 with output_stream(outputs.add(target)) as stream:
                     stream.write((report.to_json(indent=2) + "\n").encode())
             return replace(report, paths=outputs.commit(planned))
-    if kind == "dem" and _is_volume(path):
+    if kind == "dem" and is_volume(path):
         return _volume_dem(path, options, outdir, overwrite, planned, started)
     with open_source(path, options, kind=kind) as source, OutputSet(overwrite) as outputs:
         budget = resources.working_budget(options.memory, _wants_dem(kind, options))
@@ -192,92 +186,8 @@ def planned_outputs(
     return [folder / (stem(path) + suffix) for suffix in suffixes]
 
 
-@contextmanager
-def open_source(
-    path: Path, options: ConvertOptions, *, allow_degrees: bool = False, kind: str = "convert"
-) -> Iterator[Source]:
-    """
-    Open an input, reprojected if that is asked for.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        LAS, LAZ or COPC; for the kind ``"import"`` one of the formats of `volatool.imports`.
-    options : ConvertOptions
-        CRS options, ``salvage`` and ``strict``; those of imports.
-    allow_degrees : bool
-        Don't refuse coordinates in degrees.
-    kind : str
-        As in `convert_tile`.
-
-    Raises
-    ------
-    CRSError
-        ``E_GEOGRAPHIC``: coordinates are degrees and no other CRS is asked for.
-    """
-    if _is_volume(path) and path.is_file():
-        raise FormatError(
-            f"{path.name}: is a VOLA volume, not points; `volatool dem` makes an elevation model "
-            "of it, `volatool stats` its tables",
-            "E_NOT_LAS",
-        )
-    with _opened(path, options, kind) as source:
-        if options.to_crs is not None:
-            from volatool.points.reproject import Reprojected
-
-            moved = Reprojected(source, options.to_crs)
-            if moved.crs.is_geographic:
-                raise CRSError(
-                    f"--to-crs {options.to_crs}: coordinates would be degrees; give a projected "
-                    "CRS, such as utm",
-                    "E_GEOGRAPHIC",
-                )
-            yield moved
-            return
-        if source.crs.is_geographic and source.n_points and not allow_degrees:
-            from volatool.points.crs_places import utm_for
-
-            left, bottom, _, right, top, _ = source.header.box
-            zone = None
-            if left <= right and bottom <= top:  # a header's box may be anything
-                zone = utm_for(source.crs, Bounds(left, bottom, right, top))
-            raise CRSError(
-                f"{source.name}: coordinates are in degrees; give --to-crs {zone or 'utm'}",
-                "E_GEOGRAPHIC",
-            )
-        yield source
-
-
-@contextmanager
-def _opened(path: Path, options: ConvertOptions, kind: str) -> Iterator[PointSource | ImportSource]:
-    if kind == "import":
-        from volatool.imports.source import ImportSource
-
-        with local_copy(path) as local, ImportSource(local, options) as imported:
-            yield imported
-        return
-    from volatool.points.reader import open_points
-
-    near = None
-    if options.bounds is not None and options.to_crs is None and kind != "classify":
-        near = astuple(options.bounds)  # to_crs: they are in another CRS than the file
-    with open_points(
-        path,
-        crs=options.crs,
-        crs_default=options.crs_default,
-        salvage=options.salvage,
-        strict=options.strict,
-        near=near if is_url(path) else None,
-    ) as source:
-        yield source
-
-
 def _wants_dem(kind: str, options: ConvertOptions) -> bool:
     return kind == "dem" or (kind in _WRITERS and options.dem)
-
-
-def _is_volume(path: Path) -> bool:
-    return path.name.lower().endswith(VOLUME_SUFFIXES)
 
 
 def input_document(path: Path, source: Source, scan: Scan) -> dict[str, Any]:

@@ -128,7 +128,7 @@ def headers_of(
     failed : dict of pathlib.Path to VolatoolError
         Gets the files that can't be opened.
     """
-    from volatool.tile import open_source
+    from volatool.opening import open_source
 
     plain = opening_options(options)
     for path in paths:

@@ -91,7 +91,7 @@ class Neighbour:
 @lru_cache(maxsize=1 << 16)
 def _neighbour(path: Path, stamp: tuple[int, int], options: ConvertOptions) -> Neighbour | None:
     """Return what a header says, None without points; once for a file that many tiles have."""
-    from volatool.tile import open_source
+    from volatool.opening import open_source
 
     del stamp  # a file that has changed is another one
     with open_source(path, options) as source:
@@ -291,9 +291,9 @@ def _read(
     scratch: Scratch,
 ) -> tuple[Beyond, list[str], list[CodedWarning]]:
     """Read the points of the neighbours inside a box."""
+    from volatool.opening import open_source
     from volatool.points.reader import PointSource
     from volatool.points.select import selection_for
-    from volatool.tile import open_source
 
     beyond = Beyond(Spool(scratch, ROW, SHARE))
     used, warnings = [], []

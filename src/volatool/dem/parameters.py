@@ -150,7 +150,7 @@ def measure_parameters(
         The spacing of the points of all of them taken together; the cell that was asked for, or
         the median of those that the rule for one tile chooses.
     """
-    from volatool.tile import open_source
+    from volatool.opening import open_source
 
     enough = statistics.median(index.n_points) / 4
     numbers = [number for number, n in enumerate(index.n_points) if n >= enough]

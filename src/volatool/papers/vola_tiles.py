@@ -19,12 +19,13 @@ from volatool.formats.registry import open_volume
 from volatool.model import LevelCounts, Progress, no_progress
 from volatool.naming import VOLUME_SUFFIXES
 from volatool.occupancy.levels import CELLS
+from volatool.opening import open_source
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet
 from volatool.papers.vola_density import DensityGatherer, DensityMap, cell_for
 from volatool.scan import Scan, TileScanner
 from volatool.scratch import Scratch
-from volatool.tile import input_document, open_source
+from volatool.tile import input_document
 from volatool.vola.strips import level_strips
 from volatool.vola.volume import Volume
 from volatool.volume_stats import volume_input
