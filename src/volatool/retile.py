@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
@@ -202,13 +202,16 @@ def plan(
                 f"--{flag.replace('_', '-')} is about one file's points: it can't go with retile"
             )
     failed: dict[Path, VolatoolError] = {}
-    headers = list(_slim(headers_of(paths, options, failed)))
+    headers = deque(_slim(headers_of(paths, options, failed)))
     if not headers:
         return [], failed
     crs = _common_crs(headers)
     side = options.split.in_units(crs.metres_per_unit_xy)
-    pieces, layers = [], []
-    for path, header, _, n_points in headers:
+    scale, offset = _exact_integers([header for _, header, _, _ in headers])
+    channels = _common_channels([header.dimensions for _, header, _, _ in headers], options)
+    pieces, layers = [], set[int]()
+    while headers:  # each goes as its piece comes
+        path, header, _, n_points = headers.popleft()
         box = header_box(header.box, header.scale, header.offset)
         if box is None:
             failed[path] = InputError(
@@ -228,17 +231,16 @@ def plan(
                 (low[0], low[1], low[3] + 1, low[4] + 1),
             )
         )
-        layers += [low[2], low[5]]
+        layers.update((low[2], low[5]))
     if not pieces:
         return [], failed
-    scale, offset = _exact_integers([header for _, header, _, _ in headers])
     frame = Frame(
         name,
         side,
         crs,
         scale,
         offset,
-        _common_channels([header.dimensions for _, header, _, _ in headers], options),
+        channels,
         sum(piece.size_bytes for piece in pieces),
         sum(piece.n_points * piece.record_bytes for piece in pieces),
     )
