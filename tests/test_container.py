@@ -48,6 +48,7 @@ def test_the_file_has_the_parts_that_it_should():
     assert (TOP / ".dockerignore").read_text() == (TOP / ".containerignore").read_text()
 
 
+@pytest.mark.slow
 def test_its_steps_make_a_volatool_that_converts(tmp_path):
     source, root = tmp_path / "src", tmp_path / "root"
     for name in copied_files():

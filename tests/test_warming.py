@@ -50,6 +50,7 @@ def test_every_part_has_a_name_that_doctor_warms():
     assert set(RUNS) < set(PARTS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["forest.laz", "town.laz"])
 @pytest.mark.parametrize("arguments", [one for part in RUNS.values() for one in part])
 def test_after_warming_up_real_tiles_compile_nothing(cache, tmp_path, name, arguments):
