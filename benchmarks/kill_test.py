@@ -109,12 +109,15 @@ def run_with_kills(
     names.write_text("".join(f"{tile}\n" for tile in tiles))
     command = [sys.executable, "-m", "volatool_cli", "convert", f"@{names}", "-o", str(out)]
     command += ["-j", str(jobs), "--manifest", str(manifest), "--resume", *options]
-    moments = sorted(chance.randrange(len(tiles)) for _ in range(n_kills))
+    # none so late that the run is over before it comes
+    last = len(tiles) - min(len(tiles) // 2, 20)
+    longest_wait = min(1.0, len(tiles) / 200)
+    moments = sorted(chance.randrange(last) for _ in range(n_kills))
     victims = itertools.cycle(("parent", "worker"))
     parent = _start(command, story)
     for moment in moments:
         _watch(parent, story, lambda n=moment: _n_records(manifest) >= n)
-        delay = time.monotonic() + chance.uniform(0, 1.0)
+        delay = time.monotonic() + chance.uniform(0, longest_wait)
         _watch(parent, story, lambda end=delay: time.monotonic() >= end)
         victim = next(victims)
         if parent.poll() is None:

@@ -54,7 +54,7 @@ def stats(**arguments: Any) -> None:
       volatool stats tile.laz
       volatool stats tile.vol.gz --format json
       volatool stats tiles/ --summary --format md
-      volatool stats tile.laz --fail-if 'depth < 3' --fail-if 'classes lacks 2'
+      volatool stats tile.laz --fail-if 'depth < 3' --fail-if 'warnings has W_NO_CRS'
     """
     from volatool_cli.run import run_tiles
 
