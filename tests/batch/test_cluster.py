@@ -115,6 +115,7 @@ def test_a_cluster_gives_the_bytes_of_one_process(cluster, tiles, tmp_path, expe
     assert contents(tmp_path / "out") == expected
 
 
+@pytest.mark.slow
 def test_a_failed_tile_fails_alone(cluster, tiles, tmp_path, expected):
     tiles[2].write_bytes(b"no points")
     cluster.worker()
@@ -153,6 +154,7 @@ def test_a_run_that_is_stopped_leaves_no_worker_writing(cluster, tiles, tmp_path
     assert before != expected
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_ends_the_run_with_a_word(cluster, tiles, tmp_path):
     cluster.worker()
     results = run_inputs(
@@ -170,6 +172,7 @@ def test_a_local_cluster_needs_no_scheduler(tiles, tmp_path, expected):
     assert contents(tmp_path / "out") == expected
 
 
+@pytest.mark.slow
 def test_no_scheduler_and_other_versions_are_told(cluster, tiles, tmp_path, monkeypatch):
     monkeypatch.setattr("volatool.batch.cluster._CONNECT_S", 1.0)
     with pytest.raises(VolatoolError, match="no Dask scheduler answers") as caught:

@@ -82,6 +82,7 @@ def test_killed_and_resumed_a_set_is_as_if_nothing_had_happened(volatool, tiles,
     assert contents(volatool.folder / "out") == found
 
 
+@pytest.mark.slow
 def test_the_points_are_counted_once_as_long_as_nothing_changes(volatool, tiles):
     assert volatool(*RETILE, *RECORD).returncode == 0
     count = volatool.folder / "out/tile.cubes/dataset.json"
@@ -97,6 +98,7 @@ def test_the_points_are_counted_once_as_long_as_nothing_changes(volatool, tiles)
     assert count.stat().st_mtime_ns > before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [RETILE, MOSAIC], ids=["retile", "mosaic"])
 def test_a_changed_tile_has_all_done_again_that_depends_on_it(volatool, tiles, asked):
     """As many points in the same box, but not at the same heights."""
@@ -116,6 +118,7 @@ def test_a_changed_tile_has_all_done_again_that_depends_on_it(volatool, tiles, a
     assert {name: found[name] for name in calm} == calm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [RETILE, MOSAIC], ids=["retile", "mosaic"])
 def test_a_set_on_a_local_cluster_has_the_same_bytes(volatool, tiles, asked):
     pytest.importorskip("distributed", reason="needs the extra dask")
@@ -127,6 +130,7 @@ def test_a_set_on_a_local_cluster_has_the_same_bytes(volatool, tiles, asked):
     assert contents(volatool.folder / "out") == calm
 
 
+@pytest.mark.slow
 def test_a_recommendation_does_not_depend_on_the_number_of_processes(volatool, tiles):
     one = volatool("recommend", "tiles", "--json")
     two = volatool("recommend", "tiles", "--json", "-j", "2")
@@ -146,6 +150,7 @@ def test_a_set_of_volumes_and_models_made_by_workers_is_indexed(volatool, tiles)
     assert len(json.loads((out / "collection.json").read_text())["links"]) >= 6
 
 
+@pytest.mark.slow
 def test_tiles_at_urls_are_cut_and_mosaicked_as_local_ones(volatool, tiles):
     pytest.importorskip("aiohttp", reason="needs the extra cloud")
     assert volatool(*RETILE).returncode == 0
