@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from making_tiles import write_las
 
+from volatool import opening as opening_module
 from volatool import tile as tile_module
 from volatool.catalog.headers import index_headers, read_set, set_lines
 from volatool.dem import mosaic as mosaics
@@ -142,7 +143,8 @@ def test_a_tile_opens_only_its_neighbours(tmp_path, monkeypatch):
         seen.append(path.name)
         return opening(path, *arguments, **more)
 
-    monkeypatch.setattr(tile_module, "open_source", told)
+    for module in (tile_module, opening_module):
+        monkeypatch.setattr(module, "open_source", told)
     report = convert_tile(paths[0], asked, kind="dem", outdir=tmp_path / "out")
     assert sorted(seen) == ["t00.las", "t01.las", "t10.las", "t11.las"]
     assert report.dem["buffer"]["neighbours"] == ["t01.las", "t10.las", "t11.las"]
