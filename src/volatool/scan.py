@@ -23,7 +23,7 @@ from volatool.cube import Cube
 from volatool.errors import CodedWarning, InputError, OptionError, ResourceError
 from volatool.model import Bool, PointChunk, Progress
 from volatool.options import ConvertOptions
-from volatool.points.select import Selection
+from volatool.points.select import selection_for
 from volatool.reference import reference
 from volatool.snapped import CubeIndex, by_cube, snapped_cube
 
@@ -104,15 +104,7 @@ class TileScanner:
         self.make_builder = make_builder
         self.surface = surface
         self.progress = progress
-        self.selection = Selection(
-            classes=None if options.classes is None else frozenset(options.classes),
-            exclude_classes=frozenset(options.exclude_classes or ()),
-            returns=options.returns,
-            keep_withheld=options.keep_withheld,
-            keep_noise=options.keep_noise,
-            bounds=options.bounds,
-            thin=options.thin or 1,
-        )
+        self.selection = selection_for(options)
         header = source.header
         self.attributes = (
             self.selection.attributes(header)

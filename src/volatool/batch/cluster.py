@@ -295,6 +295,8 @@ class _News:
 
     def __init__(self, worker: distributed.Worker, index: int, topic: str) -> None:
         self._worker, self._index, self._topic = worker, index, topic
+        # made here, in the task's thread: progress is told in another, which has no worker
+        self._stopping = distributed.Event(topic, client=distributed.get_client())
         self._next = 0.0
 
     def __call__(self, done: int, total: int) -> None:
@@ -306,5 +308,5 @@ class _News:
 
     def stop_if_asked(self) -> None:
         """Leave the unit if the parent wants no more."""
-        if distributed.Event(self._topic, client=distributed.get_client()).is_set():
+        if self._stopping.is_set():
             raise _Stopped

@@ -51,7 +51,7 @@ def run_inputs(
     options : ConvertOptions
         For all of them; ``memory`` is the ceiling of each process.
     kind : str
-        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
+        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"``, ``"classify"`` or ``"retile"``.
     outdir : pathlib.Path or None
         Folder for the outputs; beside each input by default.
     overwrite : bool

@@ -33,7 +33,7 @@ class Unit:
     options : ConvertOptions
         ``memory`` is the ceiling of the process that does the work.
     kind : str
-        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"`` or ``"classify"``.
+        ``"convert"``, ``"import"``, ``"dem"``, ``"stats"``, ``"classify"`` or ``"retile"``.
     outdir : pathlib.Path or None
         Folder for the outputs; beside the input by default.
     overwrite : bool
