@@ -63,13 +63,22 @@ def test_the_bytes_do_not_depend_on_chunks_memory_or_the_run(sample, tmp_path):
         assert other == made[0]
 
 
-def test_a_low_ceiling_is_kept_by_spilling_and_changes_no_byte(tmp_path):
+@pytest.mark.parametrize(
+    ("points", "extent", "cell"),
+    [
+        (400_000, 30_000, "auto"),
+        (200_000, 150_000, "1"),  # grids of 2 M cells, with far fewer points
+        pytest.param(400_000, 400_000, "1", marks=pytest.mark.slow),  # 16 M cells
+    ],
+)
+def test_a_low_ceiling_is_kept_by_spilling_and_changes_no_byte(tmp_path, points, extent, cell):
     """In a process of its own: the ceiling is for a whole process."""
-    path = write_las(tmp_path / "t.las", hills(400_000, extent=30_000), point_format=7)
-    free = contents(vt.convert(path, tmp_path / "free", resources=False))
+    path = write_las(tmp_path / "t.las", hills(points, extent=extent), point_format=7)
+    free = contents(vt.convert(path, tmp_path / "free", resources=False, cell=cell))
     code = (
         "import sys, volatool as vt\n"
-        f"report = vt.convert({str(path)!r}, {str(tmp_path / 'kept')!r}, memory='256M')\n"
+        f"out, options = {str(tmp_path / 'kept')!r}, {{'memory': '256M', 'cell': {cell!r}}}\n"
+        f"report = vt.convert({str(path)!r}, out, **options)\n"
         "print(report.to_dict()['resources']['peak_rss_bytes'])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -115,12 +115,10 @@ def run_tiles(arguments: dict[str, Any], kind: str) -> None:
         table = StatsOutput(form, summary, summary_to)
         options = replace(options, all_levels=summary)
 
-    from volatool import resources
     from volatool.batch.manifest import Manifest
     from volatool.batch.run import in_order, run_inputs
     from volatool.conditions import failures
 
-    resources.return_freed_memory()
     if dry_run:
         if resume:
             paths = _not_done(paths, options, kind, folder, Path(record), verify)

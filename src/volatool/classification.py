@@ -76,7 +76,6 @@ def classify_tile(
     from volatool.points.reader import PointSource
 
     started = time.perf_counter()
-    resources.return_freed_memory()
     refuse_inputs([path], options, outdir)
     planned = planned_outputs(path, options, "classify", outdir)
     refuse_existing(planned, overwrite)

@@ -253,6 +253,7 @@ def dem_of(
     """
     from volatool.dem.surfaces import make_dem
 
+    resources.budget_for_rasters(scratch, options.memory)
     unit = source.crs.metres_per_unit_xy
     cell, gap = options.cell, options.max_gap
     barriers = None

@@ -9,15 +9,22 @@ import resource
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from volatool.errors import ResourceError
 from volatool.units import format_size
+
+if TYPE_CHECKING:
+    from volatool.scratch import Scratch
 
 DEFAULT_MEMORY_BYTES = 1 << 30
 """Ceiling when none is given."""
 
 RESERVE_BYTES = 40 << 20
 """Kept free below the ceiling for what no budget counts: decoder buffers, chunk temporaries."""
+
+RASTER_BYTES = 88 << 20
+"""Kept free below the ceiling for GDAL: its code, its block cache, overviews of a COG."""
 
 MIN_BUDGET_BYTES = 12 << 20
 """Working arrays need at least this much."""
@@ -82,6 +89,7 @@ def working_budget(ceiling_bytes: int, with_dem: bool = True) -> int:
         ``E_MEMORY``: the ceiling is too low for the process to work at all.
     """
     _load_libraries(with_dem)
+    return_freed_memory()
     used = rss_bytes()
     least = used + RESERVE_BYTES // 2 + MIN_BUDGET_BYTES
     if least > ceiling_bytes:
@@ -90,6 +98,28 @@ def working_budget(ceiling_bytes: int, with_dem: bool = True) -> int:
             f"least {format_size(least)}; raise --memory"
         )
     return max(MIN_BUDGET_BYTES, ceiling_bytes - used - RESERVE_BYTES)
+
+
+def budget_for_rasters(scratch: Scratch, ceiling_bytes: int) -> None:
+    """
+    Lower a budget to what is left now, before rasters are made that stay until they are written.
+
+    Parameters
+    ----------
+    scratch : Scratch
+        With a budget; arrays that are in RAM already stay there.
+    ceiling_bytes : int
+        For the whole process.
+
+    Notes
+    -----
+    Code of kernels that came in since `working_budget` is counted, freed memory is not.
+    """
+    if scratch.budget_bytes is None:
+        return
+    return_freed_memory()
+    left = ceiling_bytes - (rss_bytes() - scratch.used_bytes) - RASTER_BYTES
+    scratch.budget_bytes = min(scratch.budget_bytes, max(MIN_BUDGET_BYTES, left))
 
 
 def _load_libraries(with_dem: bool) -> None:

@@ -144,7 +144,8 @@ class Scratch:
         array : ndarray
             As `zeros` returned it; nothing happens to an array in RAM.
         start, stop : int
-            Rows; all by default. Only whole pages inside them are dropped.
+            Rows; all by default. As many above them are dropped too: those that were read again
+            with these as their neighbours, with what the system mapped around them.
         """
         mapped = self._maps.get(array.ctypes.data)
         if mapped is None:
@@ -152,7 +153,7 @@ class Scratch:
         stop = len(array) if stop is None else stop
         row = array.strides[0]
         page = mmap.PAGESIZE
-        first = -(-start * row // page) * page
+        first = max(0, 2 * start - stop) * row // page * page
         last = stop * row if stop == len(array) else stop * row // page * page
         if last > first:
             mapped.madvise(mmap.MADV_DONTNEED, first, last - first)

@@ -134,10 +134,8 @@ def _forward_log(sender: _Sender, level: int) -> None:
 
 def prepare() -> None:
     """Have the kernels compiled, if the cache has none, in one worker, while the others wait."""
-    from volatool import resources
     from volatool.kernels import _jit
 
-    resources.return_freed_memory()
     folder = _jit.writable_cache_dir()
     if folder is None:
         return

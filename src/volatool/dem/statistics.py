@@ -42,10 +42,11 @@ class RasterStatistics:
             max(self.high, float(values.max())),
         )
         off = values.astype(np.float64)
+        del values  # rasters are wide: no copy more than needed
         off -= self.shift
         self.counts.append(len(off))
         self.sums.append(float(off.sum()))
-        self.squares.append(float(np.square(off).sum()))
+        self.squares.append(float(np.square(off, out=off).sum()))
 
     def tags(self) -> dict[str, str]:
         """Return the tags that gdalinfo and GIS programs look for; none without values."""

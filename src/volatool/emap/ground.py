@@ -372,9 +372,10 @@ class GroundFilter:
                 TAU_M,
                 TAU_PER_SLOPE * self.cell_m,
             )
-            self.crew.run(work, self.crew.shares(0, self.grid.height))
-            evidence.relax()
-            self.scratch.relax(sheet)
+            for window in self._reached(rows, evidence):
+                self.crew.run(work, self.crew.shares(*window))
+                evidence.relax()
+                self.scratch.relax(sheet)
         start = None if is_first else self.z
         z, _ = solve(
             evidence,
@@ -387,6 +388,13 @@ class GroundFilter:
         if start is not None:
             self.scratch.free(start)
         self.z = z
+
+    def _reached(self, rows: NDArray[np.int32], evidence: Evidence) -> Iterator[tuple[int, int]]:
+        """Yield the windows of the evidence that points in the order of its rows pull on."""
+        _, ends = self.grid.places(rows[[0, -1]], self.scale, self.offset)
+        for first, last in evidence.windows():
+            if first <= ends[1] + 1 and last >= ends[0] - 1:
+                yield first, last
 
     def _refined(self, coarse: Grid) -> F64:
         """Return the sheet on the present grid, read bilinearly from a coarser one."""

@@ -170,7 +170,7 @@ class Hierarchy:
             self.walk.in_order(
                 lambda start, stop: multigrid.coarsen_data(fine.data, coarse.data, start, stop),
                 *fine.shape,
-                fine.data,
+                *(fine.data, coarse.data),
             )
             return
         height, width = coarse.shape
@@ -178,7 +178,7 @@ class Hierarchy:
         self.walk.in_order(
             lambda start, stop: cut_multigrid.coarsen_edges(fine.edges, edges, start, stop),
             *coarse.shape,
-            edges,
+            *(edges, fine.edges),
         )
         self._stiffen(coarse)
         leak = np.float32(LEAK * fine.kb + fine.km)
@@ -187,8 +187,7 @@ class Hierarchy:
                 fine.data, fine.edges, edges, leak, coarse.data, start, stop
             ),
             *fine.shape,
-            fine.data,
-            fine.edges,
+            *(fine.data, fine.edges, edges, coarse.data),
         )
 
     def _stiffen(self, level: Level) -> None:
@@ -259,8 +258,7 @@ class Hierarchy:
                     *arrays, *rows, edges
                 ),
                 *fine.shape,
-                fine.right,
-                edges,
+                *(*arrays, edges),
             )
         last = len(self.levels) - 1
         self.cycle(last)
@@ -318,10 +316,7 @@ class Hierarchy:
             lambda *rows: walk(work, (0, height), *rows),
             height,
             width,
-            level.data,
-            level.right,
-            level.x,
-            level.edges,
+            *(level.data, level.right, level.x, level.edges, source, target),
         )
 
     def free(self) -> None:

@@ -80,7 +80,11 @@ class Walk:
         width: int,
         *arrays: NDArray[Any] | None,
     ) -> None:
-        """Call a function as `each` does, for rows that need those above to be done."""
+        """
+        Call a function as `each` does, for rows that need those above to be done.
+
+        Arrays of coarser grids, with fewer rows, leave RAM at the same pace.
+        """
         if not self.scratch.has_files:
             function(0, height)
             return
@@ -88,7 +92,8 @@ class Walk:
             function(start, stop)
             for array in arrays:
                 if array is not None:
-                    self.scratch.relax(array, start, stop)
+                    rows = len(array)
+                    self.scratch.relax(array, start * rows // height, stop * rows // height)
 
     def at_once(self, function: Callable[[int, int], object], bands: list[tuple[int, int]]) -> None:
         """Call a function for all bands, each in a thread."""
