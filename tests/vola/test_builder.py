@@ -160,10 +160,17 @@ def test_order_chunks_memory_and_depth_limits_do_not_change_a_byte():
     assert found == {reference}
 
 
+@pytest.mark.parametrize("is_by_place", [False, True])
 @pytest.mark.parametrize("budget", [None, 0, 300_000])
-def test_depths_that_can_not_be_chosen_are_given_up_and_the_others_stay(budget):
-    """With an upper bound of the points the chosen volume is the same; deeper ones are refused."""
+def test_depths_that_can_not_be_chosen_are_given_up_and_the_others_stay(budget, is_by_place):
+    """
+    With an upper bound of the points the chosen volume is the same; deeper ones are refused.
+
+    In a file that goes from one end to the other, blocks become too many only late.
+    """
     points = some_points(30_000, spread=900)
+    if is_by_place:
+        points = points.take(np.argsort(points.x))
     plain = make(cube_of(points), 8, channels=CHANNELS)
     frugal = make(
         cube_of(points), 8, channels=CHANNELS, n_points_hint=40_000, scratch=Scratch(budget)

@@ -6,6 +6,9 @@ import numpy as np
 
 from volatool.kernels._jit import kernel
 
+BLOCK = 2048
+"""Points that are counted together, in vectors where it goes."""
+
 
 @kernel
 def count_points(
@@ -40,40 +43,83 @@ def count_points(
     totals : (2,) array of int64
         Used points, and those of them that are first returns (or don't tell). Added to.
     """
-    last_bin = np.int64(heights.shape[1] - 1)
-    last_row, last_column = np.int64(covered.shape[0] - 1), np.int64(covered.shape[1] - 1)
-    across, along = 1.0 / edges[0], 1.0 / edges[1]
-    for i in range(x.size):
-        px, py, pz = np.int64(x[i]), np.int64(y[i]), np.int64(z[i])
-        bin_ = min(max((pz - low[2]) >> shift, np.int64(0)), last_bin)
-        _widen(extremes[0], px, py, pz)
-        heights[0, bin_] += 1
-        if codes.size:
-            classes[codes[i]] += 1
-        if numbers.size:
-            returns[numbers[i]] += 1
-        if is_used.size and not is_used[i]:
-            continue
-        totals[0] += 1
-        totals[1] += np.int64(numbers.size == 0 or numbers[i] <= 1)
-        _widen(extremes[1], px, py, pz)
-        heights[1, bin_] += 1
-        column = _cell(px - low[0], edges[0], across)
-        row = _cell(py - low[1], edges[1], along)
-        row = min(max(row, np.int64(0)), last_row)
-        column = min(max(column, np.int64(0)), last_column)
-        covered[row, column] = True
+    found = np.zeros((2, heights.shape[1]), np.int64)
+    tallies = np.zeros((2, 2, 256), np.int64)
+    places = np.empty((2, BLOCK), np.int64)
+    kept = np.empty((3, BLOCK if is_used.size else 0), np.int32)
+    for start in range(0, x.size, BLOCK):
+        stop = min(start + BLOCK, x.size)
+        xs, ys, zs = x[start:stop], y[start:stop], z[start:stop]
+        _widen(extremes[0], xs, ys, zs)
+        _count_heights(zs, low[2], shift, found[0], places[0])
+        _tally(codes[start:stop], tallies[0])
+        _tally(numbers[start:stop], tallies[1])
+        if is_used.size:
+            n = 0
+            for i in range(start, stop):
+                kept[0, n], kept[1, n], kept[2, n] = x[i], y[i], z[i]
+                n += np.int64(is_used[i])
+                if numbers.size:
+                    totals[1] += np.int64(is_used[i] and numbers[i] <= 1)
+            xs, ys, zs = kept[0, :n], kept[1, :n], kept[2, :n]
+            _count_heights(zs, low[2], shift, found[1], places[0])
+        elif numbers.size:
+            for i in range(start, stop):
+                totals[1] += np.int64(numbers[i] <= 1)
+        totals[0] += xs.size
+        if not numbers.size:
+            totals[1] += xs.size
+        _widen(extremes[1], xs, ys, zs)
+        _cover(xs, ys, low, edges, covered, places)
+    heights += found
+    if not is_used.size:
+        heights[1] += found[0]
+    for turn in range(2):
+        classes += tallies[0, turn]
+        returns += tallies[1, turn]
 
 
 @kernel
 def _widen(extremes, x, y, z):
-    """Grow a box to hold a point."""
-    extremes[0] = min(extremes[0], x)
-    extremes[1] = min(extremes[1], y)
-    extremes[2] = min(extremes[2], z)
-    extremes[3] = max(extremes[3], x)
-    extremes[4] = max(extremes[4], y)
-    extremes[5] = max(extremes[5], z)
+    """Grow a box to hold points."""
+    for axis, values in enumerate((x, y, z)):
+        if values.size:
+            least, most = values[0], values[0]
+            for i in range(values.size):
+                least, most = min(least, values[i]), max(most, values[i])
+            extremes[axis] = min(extremes[axis], np.int64(least))
+            extremes[axis + 3] = max(extremes[axis + 3], np.int64(most))
+
+
+@kernel
+def _count_heights(z, low, shift, counts, places):
+    """Count heights by bin; those outside in the outermost ones."""
+    last = np.int64(counts.size - 1)
+    for i in range(z.size):
+        places[i] = min(max((np.int64(z[i]) - low) >> shift, np.int64(0)), last)
+    for i in range(z.size):
+        counts[places[i]] += 1
+
+
+@kernel
+def _tally(codes, counts):
+    """Count codes, in two rows by turns: equal ones behind each other need not wait so long."""
+    for i in range(codes.size):
+        counts[i & 1, codes[i]] += 1
+
+
+@kernel
+def _cover(x, y, low, edges, covered, places):
+    """Set the cells that hold points; those outside set the outermost ones."""
+    last_row, last_column = np.int64(covered.shape[0] - 1), np.int64(covered.shape[1] - 1)
+    across, along = 1.0 / edges[0], 1.0 / edges[1]
+    for i in range(x.size):
+        column = _cell(np.int64(x[i]) - low[0], edges[0], across)
+        row = _cell(np.int64(y[i]) - low[1], edges[1], along)
+        places[0, i] = min(max(row, np.int64(0)), last_row)
+        places[1, i] = min(max(column, np.int64(0)), last_column)
+    for i in range(x.size):
+        covered[places[0, i], places[1, i]] = True
 
 
 @kernel

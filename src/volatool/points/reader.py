@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import astuple
 from pathlib import Path
 from types import TracebackType
-from typing import Any, BinaryIO, Self
+from typing import BinaryIO, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from volatool.points.copc import chunks_outside
 from volatool.points.crs import CrsLike
 from volatool.points.crs_file import crs_of
 from volatool.points.header import LasHeader, read_header
-from volatool.points.layout import record_dtype, take_attributes
+from volatool.points.layout import take_apart
 from volatool.points.laz import LazPoints
 from volatool.points.laz_decode import EVERYTHING, backend_name, selection_of
 from volatool.points.select import Selection
@@ -178,12 +178,12 @@ class PointSource:
             raise ValueError(f"chunk_points must be at least 1, got {chunk_points}")
         chunk_points = min(chunk_points, MAX_CHUNK_POINTS)
         names = frozenset(attributes) & self.header.dimensions
-        dtype = record_dtype(self.header.point_format, self.header.record_bytes)
         skipped = self._unwanted
         if near is not None:
             skipped = chunks_outside(self.header, self.raw, near)
         for start, raw in self._told(selection_of(names), chunk_points, skipped):
-            yield from self._cut(start, raw.reshape(-1).view(dtype), names, chunk_points)
+            records = raw.reshape(-1, self.header.record_bytes)
+            yield from self._cut(start, records, names, chunk_points)
 
     def records(self, chunk_points: int = CHUNK_POINTS) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         """
@@ -206,8 +206,7 @@ class PointSource:
             With the number of the first point that can't be read, unless salvaging.
         """
         for start, raw in self._told(EVERYTHING, min(chunk_points, MAX_CHUNK_POINTS)):
-            records = raw if raw.flags.writeable else raw.copy()
-            yield start, records.reshape(-1, self.header.record_bytes)
+            yield start, raw.reshape(-1, self.header.record_bytes)
 
     def _told(
         self, selection: int, chunk_points: int, skipped: frozenset[int] = frozenset()
@@ -244,7 +243,7 @@ class PointSource:
             if len(data) < n * record:  # the file shrank since it was opened
                 at = start + len(data) // record
                 raise TruncatedError(f"the file ends at point {at} of {self.n_points}")
-            yield start, np.frombuffer(data, np.uint8)
+            yield start, np.frombuffer(bytearray(data), np.uint8)  # writable, as decoded ones are
 
     def _announce(self, skipped: frozenset[int]) -> None:
         """Tell a remote file what will be read of it."""
@@ -273,11 +272,10 @@ class PointSource:
         self.n_unread, self._unwanted = 0, frozenset()
 
     def _cut(
-        self, start: int, records: NDArray[Any], names: frozenset[str], chunk_points: int
+        self, start: int, records: NDArray[np.uint8], names: frozenset[str], chunk_points: int
     ) -> Iterator[PointChunk]:
         """Yield a batch of records as chunks."""
-        x, y, z = (records[axis].copy() for axis in "xyz")
-        taken = take_attributes(records, sorted(names), self.header.point_format < 6)
+        x, y, z, taken = take_apart(records, sorted(names), self.header.point_format)
         for at in range(0, len(records), chunk_points):
             part = slice(at, at + chunk_points)
             yield PointChunk(

@@ -106,7 +106,9 @@ class VolaBuilder:
             keep_depth or max_depth,
             self._scratch,
             _SHARE,
+            self._quantizer_for,
             self._limit(n_points_hint or 0) if may_rule_out else math.inf,
+            n_points_hint or 0,
         )
         self._built: Built | None = None
         self._is_closed = False
@@ -170,6 +172,8 @@ class VolaBuilder:
             x, y, z = (np.ascontiguousarray(a, np.int32) for a in (points.x, points.y, points.z))
             collect.collect_keys(x, y, z, *quantizer.plan, self.max_depth, keys, tally, box)
         self._keys.filled(int(tally[collect.KEYS]))
+        if self._sums.is_review_due:
+            self._sums.review(self._keys.stream(), self.max_depth)
         n_outside = int(tally[collect.OUT])
         self.n_points += len(points) - n_outside
         return n_outside + n_dropped

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from volatool.cube import OUTSIDE, Quantizer
+from volatool.cube import Quantizer
 from volatool.errors import OptionError
 from volatool.model import I32, I64, U64, PointChunk
 from volatool.scratch import Scratch
 from volatool.vola.fold import Sink, fold_sums
+from volatool.vola.held import HeldPoints
 from volatool.vola.metadata import ATTRIBUTES, Ranges, Scaling, attributes_for, check_channels
 from volatool.vola.runs import SumRuns
 
 _LEAST_ROWS = 1 << 14
 """Rows of the smallest table."""
+
+_SORT_BYTES = 16
+"""What putting a row in order takes beside it: its key and its place."""
+
+_HELD_SHARE = 0.25
+"""Part of the memory budget that may be in use when points are held back in RAM."""
 
 _DTYPES = {
     "classification": np.uint8,
@@ -44,16 +51,20 @@ class MetadataSums:
         Memory budget.
     share : float
         Part of the whole budget that may be in use when sums are kept in RAM.
+    quantizer_for : callable
+        Gives the quantizer of points.
     limit : float
         A level below 2 with more blocks than this is given up: the sums become coarser.
+    n_expected : int
+        How many points there will be, at most.
 
     Notes
     -----
     The sums are in a hash table as long as the budget has room for it; then its rows become a
     sorted run and a new table begins. Points that follow each other in a file mostly are in one
     block or in few, so that most of them find their row in the processor's cache. The first points
-    are held back until it is plain which levels have too many blocks: a row takes more memory than
-    a point.
+    are held back until it is plain which levels have too many blocks (`review`): a row takes more
+    memory than a point, and a level with nearly a block a point more time than all the others.
     """
 
     def __init__(
@@ -62,7 +73,9 @@ class MetadataSums:
         level: int,
         scratch: Scratch,
         share: float,
+        quantizer_for: Callable[[PointChunk], Quantizer],
         limit: float = math.inf,
+        n_expected: int = 0,
     ) -> None:
         self.channels = check_channels(channels)
         self.level = level
@@ -76,9 +89,11 @@ class MetadataSums:
         self._n_rows = 0
         self._counted_bytes = 0  # of the table, in the budget
         far = np.iinfo(np.int64)
-        self._held: list[tuple[PointChunk, Quantizer]] = []
-        self._held_bytes = 0
-        self._patience = 2 * limit if math.isfinite(limit) else 0.0  # points to hold back
+        self._quantizer_for = quantizer_for
+        self._n_expected = n_expected
+        self._held = HeldPoints(scratch, _HELD_SHARE, attributes_for(self.channels))
+        # points to hold back before the first look
+        self._patience = 2 * limit if self.channels and math.isfinite(limit) else 0.0
         self._ranges: I64 = np.array([far.max, far.min, 0, 0])
         self._heights: tuple[float, float] | None = None  # scale and offset of the sums of z
         self._nothing: dict[str, NDArray[Any]] = {}
@@ -120,7 +135,7 @@ class MetadataSums:
         x, y, z = (np.ascontiguousarray(a, np.int32) for a in (points.x, points.y, points.z))
         if self._patience:
             collect.collect_keys(x, y, z, *quantizer.plan, quantizer.depth, keys, tally, box)
-            self._hold(points, quantizer)
+            self._held.add(points)
             return
         heights = self._stored_heights(points, z)
         code, red, green, blue, returns, intensity = (self._column(points, n) for n in _DTYPES)
@@ -154,43 +169,43 @@ class MetadataSums:
                 return
             self._make_room()
 
-    def _hold(self, points: PointChunk, quantizer: Quantizer) -> None:
-        """Keep points for later, if the budget has the memory."""
-        names = attributes_for(self.channels)
-        copy = PointChunk(
-            points.start,
-            points.x.copy(),
-            points.y.copy(),
-            points.z.copy(),
-            points.scale,
-            points.offset,
-            {name: points.attributes[name].copy() for name in names},
-        )
-        self._held.append((copy, quantizer))
-        n_bytes = 12 * len(copy) + sum(values.nbytes for values in copy.attributes.values())
-        if self._scratch.take(n_bytes, self._share):
-            self._held_bytes += n_bytes
-            self._patience -= len(copy)
-        else:
-            self._patience = 0.0
-        if self._patience <= 0:
-            self._settle()
+    @property
+    def is_review_due(self) -> bool:
+        """So many points are held back that it may be plain which levels have too many blocks."""
+        return 0 < self._patience <= len(self._held)
+
+    def review(self, keys: Iterable[U64], depth: int) -> None:
+        """
+        Give up the levels with too many blocks; add the points held back if more won't tell more.
+
+        Parameters
+        ----------
+        keys : iterable of (n,) arrays of uint64
+            Path keys of all points so far, sorted, none twice.
+        depth : int
+            Their level.
+        """
+        voxels = _prefix_counts(keys, depth)
+        level = self.level
+        while level > 2 and voxels[level - 1] > self._limit:  # of the level above: its blocks
+            level -= 1
+        self.coarsen_to(level)
+        n, blocks = len(self._held), float(voxels[level - 1])
+        if level > 2 and blocks * self._n_expected > self._limit * n and n < self._n_expected:
+            # at this rate there will be too many: better to wait than to sum them all up
+            self._patience = max(n + 1.0, 1.05 * n * self._limit / blocks)
+            return
+        # every further block is a row more at least
+        self._next_count = self._limit
+        self._settle()
 
     def _settle(self) -> None:
-        """Give up the levels with too many blocks and add the points that were held back."""
+        """Add the points that were held back."""
         self._patience = 0.0
-        held, self._held = self._held, []
-        if not held:
-            return
-        keys = np.concatenate([quantizer.keys(p.x, p.y, p.z) for p, quantizer in held])
-        keys.sort()
-        keys = keys[: np.searchsorted(keys, OUTSIDE)]
-        self._rule_out(keys >> np.uint64(6 * (held[0][1].depth - self.level + 1)))
-        for points, quantizer in held:
+        for points in self._held.taken():
             keys = np.empty(len(points), np.uint64)  # and what is told here is known already
+            quantizer = self._quantizer_for(points)
             self.add(points, quantizer, keys, np.zeros(4, np.int64), np.zeros(6, np.int64))
-        self._scratch.give(self._held_bytes)
-        self._held_bytes = 0
 
     def _make_room(self) -> None:
         """Have a free row: by coarser blocks, a larger table or an empty one."""
@@ -206,14 +221,13 @@ class MetadataSums:
         capacity = max(2 * len(self._rows), _LEAST_ROWS)
         rows = np.empty((capacity, *self._rows.shape[1:]), np.int64)
         slots = np.empty(2 * capacity, np.int32)
-        n_bytes = rows.nbytes + slots.nbytes
+        n_bytes = rows.nbytes + slots.nbytes + _SORT_BYTES * capacity // 2
         is_counted = self._scratch.take(n_bytes, self._share)
         if not is_counted and len(self._rows):
             self._empty()
             return
         rows[: self._n_rows] = self._rows[: self._n_rows]
-        self._scratch.give(self._counted_bytes + self._held_bytes)
-        self._held, self._held_bytes = [], 0
+        self._scratch.give(self._counted_bytes)
         self._rows, self._slots = rows, slots
         self._counted_bytes = n_bytes if is_counted else 0
         collect.regroup(self._rows, self._n_rows, 0, self._slots)
@@ -306,8 +320,23 @@ class MetadataSums:
 
     def close(self) -> None:
         """Drop everything."""
-        self._scratch.give(self._counted_bytes + self._held_bytes)
-        self._held, self._held_bytes = [], 0
+        self._held.close()
+        self._scratch.give(self._counted_bytes)
         self._rows, self._slots = self._rows[:0].copy(), self._slots[:0].copy()
         self._n_rows = self._counted_bytes = 0
         self._runs.close()
+
+
+def _prefix_counts(pieces: Iterable[U64], depth: int) -> I64:
+    """Return how many cells of levels 0 to `depth` keys reach that come sorted in pieces."""
+    from volatool.kernels import levels
+
+    voxels = np.zeros(depth + 1, np.int64)
+    last: np.uint64 | None = None
+    for keys in pieces:
+        voxels += levels.prefix_counts(keys, depth)
+        if last is not None:  # cells that go on from the piece before
+            shifts = 6 * np.arange(depth, -1, -1, dtype=np.uint64)
+            voxels -= (last >> shifts) == (keys[0] >> shifts)
+        last = keys[-1]
+    return voxels
