@@ -81,6 +81,7 @@ def make_elevation(
     from volatool.dem.neighbours import seam_warning
     from volatool.dem.placing import grids_of, seam_of, shared_parameters
 
+    resources.budget_for_rasters(scratch, options.memory)
     shared = shared_parameters(options, source.crs)
     seam = seam_of(surface, source, options, scratch)
     threads = resources.n_threads()

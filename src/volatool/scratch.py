@@ -57,6 +57,13 @@ class Scratch:
         """Some array of `zeros` lives in a file now."""
         return bool(self._maps)
 
+    @property
+    def left_bytes(self) -> int:
+        """What is left of the budget; without one nothing has to be in files."""
+        if self.budget_bytes is None:
+            return 0
+        return max(0, self.budget_bytes - self.used_bytes)
+
     def take(self, n_bytes: int, share: float = 1.0) -> bool:
         """
         Take memory from the budget if it is there.

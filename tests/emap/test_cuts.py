@@ -271,7 +271,7 @@ def test_strips_and_files_do_not_change_a_byte(monkeypatch):
         lines = Lines.place(ends, (n, n), scratch)
         cuts = Cuts.along(lines)
         evidence = Evidence(n, n, scratch)
-        for window in evidence.windows(cells=7 * n):
+        for window in system.strips(n, n, 7 * n):
             evidence.add(*points, springs, window, lines=lines)
         islands = cuts.islands(evidence).tobytes()
         z, _ = solve(evidence, springs, cuts=cuts, consume=True)

@@ -218,6 +218,12 @@ def test_threads_do_not_change_a_byte(shape, has_cuts, monkeypatch):
             z, same = solve(evidence, springs, start=start, cuts=cuts, threads=threads)
             assert z.tobytes() == whole.tobytes()
             assert same == info
+        monkeypatch.setattr(system.strips, "__defaults__", (3 * shape[1],))
+        with Scratch(0) as scratch:  # bands of strips, in files
+            filed = evidence_of(points, shape, springs, scratch)
+            z, same = solve(filed, springs, start=start, cuts=cuts, threads=3)
+            assert z.tobytes() == whole.tobytes()
+            assert same == info
 
 
 def test_memory_is_given_back(monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from volatool.emap.system import Evidence, Springs, apply
+from volatool.emap.system import STRIP_CELLS, Evidence, Springs, apply, strips, windows
 from volatool.errors import OptionError
 from volatool.kernels import spring
 from volatool.scratch import Scratch
@@ -121,12 +121,24 @@ def test_points_outside_are_ignored():
 def test_spilled_evidence_has_the_same_bytes():
     """Where the arrays live changes nothing."""
     points, springs = scatter((50, 40), 500), Springs(1, 1)
-    kept, spilled = Evidence(50, 40), Evidence(50, 40, Scratch(0))
-    assert spilled.is_spilled
+    scratch = Scratch(0)
+    kept, spilled = Evidence(50, 40), Evidence(50, 40, scratch)
+    assert scratch.is_filed(spilled.data)
     for evidence in (kept, spilled):
-        for window in evidence.windows(cells=400):
+        for window in strips(50, 40, cells=400):
             evidence.add(*points, springs, window)
     assert kept.data.tobytes() == spilled.data.tobytes()
+
+
+def test_windows_take_what_is_left_of_the_budget():
+    """The whole grid in RAM; in files half of what is left, at least four strips' worth."""
+    scratch = Scratch(9_000_000)
+    near, far = (scratch.zeros((2000, 500), np.float64) for _ in range(2))
+    assert [scratch.is_filed(array) for array in (near, far)] == [False, True]
+    assert windows(scratch, 2000, 500, near) == [(0, 2000)]
+    assert windows(scratch, 2000, 500, near, far) == list(strips(2000, 500, 4 * STRIP_CELLS))
+    scratch.free(near)
+    assert windows(scratch, 2000, 500, far) == [(0, 1125), (1125, 2000)]
 
 
 def test_springs_follow_the_rule():

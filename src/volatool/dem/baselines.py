@@ -25,7 +25,7 @@ from volatool.dem.cell import mean_spacing
 from volatool.dem.crop import summary
 from volatool.dem.distance import FILLED, MEASURED, VOID, fill_flags
 from volatool.dem.gather import SurfacePoints
-from volatool.emap.system import STRIP_CELLS, strips
+from volatool.emap.system import STRIP_CELLS, strips, windows
 from volatool.errors import InputError, ResourceError
 from volatool.model import F64
 from volatool.scratch import Scratch
@@ -141,8 +141,7 @@ def _count(dem: Dem, points: SurfacePoints) -> None:
 def _windows(dem: Dem) -> list[tuple[int, int]]:
     """Row windows to pass all points for: one, unless arrays are in files."""
     height, width = dem.count.shape
-    cells = 4 * STRIP_CELLS if dem.scratch.spilled_bytes else height * width
-    return list(strips(height, width, cells))
+    return windows(dem.scratch, height, width, dem.z, dem.flag, dem.count)
 
 
 def _bin(dem: Dem, points: SurfacePoints) -> float | None:

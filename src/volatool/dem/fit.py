@@ -14,7 +14,7 @@ from volatool.dem.gather import SurfacePoints
 from volatool.dem.grid import Grid
 from volatool.emap.noise import TOL, signs
 from volatool.emap.solve import SolveInfo, solve
-from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
+from volatool.emap.system import Evidence, Springs, strips, windows
 from volatool.emap.tuning import Net, Tuned
 from volatool.model import F64, Progress, no_progress
 from volatool.scratch import Scratch
@@ -236,14 +236,12 @@ def sum_of_squares(
     lines = None if barriers is None else barriers.lines
     is_nearest = tuned.springs.is_nearest
     sums: list[float] = []
-    cells = 4 * STRIP_CELLS if scratch.is_filed(z) else outer.height * outer.width
-    windows = list(strips(outer.height, outer.width, cells))
     with Crew(threads) as crew:
         for rows, *about in _stored(points, outer):
             out = np.empty(len(rows))
             if lines is not None:
                 col, row = outer.places(rows, points.scale, points.offset)
-            for window in windows:
+            for window in windows(scratch, outer.height, outer.width, z):
                 if lines is None:
                     work = partial(surface.squares, z, rows, *about, is_nearest, *window, out)
                     crew.run(work, crew.shares(0, len(rows)))

@@ -12,7 +12,7 @@ from volatool.dem.gather import SurfacePoints
 from volatool.dem.sigma import Ensemble, distances_at, fit, scale_at, unit_errors_at
 from volatool.dem.split import part, some, split
 from volatool.dem.surfaces import Dem
-from volatool.emap.system import STRIP_CELLS, strips
+from volatool.emap.system import windows
 from volatool.model import F64
 from volatool.scratch import Scratch
 
@@ -110,11 +110,10 @@ def errors_at(dem: Dem, points: SurfacePoints) -> F64:
         height, width = z.shape
     out = np.empty(len(points))
     start = 0
-    cells = 4 * STRIP_CELLS if dem.scratch.spilled_bytes else height * width
     for rows in points.pieces():
         col, row = dem.grid.places(rows, points.scale, points.offset)
         found = np.empty(len(rows))
-        for first, last in strips(height, width, cells):
+        for first, last in windows(dem.scratch, height, width, z):
             spring.interpolate(z, col, row, False, first, last, found)
             dem.scratch.relax(z, first, last)
         heights = rows[:, 2] * points.scale[2] + points.offset[2]

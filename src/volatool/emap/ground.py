@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from volatool.dem.grid import Grid, grid_for
 from volatool.emap.solve import solve
-from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
+from volatool.emap.system import Evidence, Springs, strips, windows
 from volatool.model import F64, I64, Bool, Progress, no_progress
 from volatool.scratch import Scratch, Spool
 from volatool.threads import Crew
@@ -247,9 +247,7 @@ class GroundFilter:
 
     def _windows(self, array: NDArray[Any]) -> list[tuple[int, int]]:
         """Row windows of an array to pass points in any order for: one, unless it is in a file."""
-        height, width = array.shape[:2]
-        cells = 4 * STRIP_CELLS if self.scratch.is_filed(array) else height * width
-        return list(strips(height, width, cells))
+        return windows(self.scratch, *array.shape[:2], array)
 
     def _lowest(self, points: StoredPoints, cells_m: list[int]) -> list[Spool]:
         """Return the lowest point of each cell, by rows of cells, for each cell size."""

@@ -281,8 +281,7 @@ class Hierarchy:
 
         level = self.levels[number]
         height, width = level.shape
-        bands = self.walk.bands(height, width)
-        out = level.x if len(bands) == 1 or level.spare is None else level.spare
+        out = level.x if level.spare is None else level.spare
 
         def walk(work: NDArray[np.float32], band: tuple[int, int], start: int, stop: int) -> None:
             sweep.sweep(
@@ -305,19 +304,17 @@ class Hierarchy:
 
         def walk_band(first: int, last: int) -> None:
             work = np.empty((sweep.WORK_ROWS, width), np.float32)
-            walk(work, (first, last), first, last)
+            self.walk.in_order(
+                lambda *rows: walk(work, (first, last), *rows),
+                height,
+                width,
+                *(level.data, level.right, level.x, out, level.edges, source, target),
+                band=(first, last),
+            )
 
-        if len(bands) > 1:
-            self.walk.at_once(walk_band, bands)
+        self.walk.at_once(walk_band, self.walk.bands(height, width))
+        if level.spare is not None:
             level.x, level.spare = out, level.x
-            return
-        work = np.empty((sweep.WORK_ROWS, width), np.float32)
-        self.walk.in_order(
-            lambda *rows: walk(work, (0, height), *rows),
-            height,
-            width,
-            *(level.data, level.right, level.x, level.edges, source, target),
-        )
 
     def free(self) -> None:
         """Give the memory back."""

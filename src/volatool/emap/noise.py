@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volatool.emap.solve import solve
-from volatool.emap.system import STRIP_CELLS, Evidence, Springs, strips
+from volatool.emap.system import Evidence, Springs, windows
 from volatool.errors import OptionError
 from volatool.model import F64
 from volatool.scratch import Scratch
@@ -188,11 +188,10 @@ def measure(
 
     height, width = z.shape
     scratch = Scratch() if scratch is None else scratch
-    cells = STRIP_CELLS * 4 if scratch.spilled_bytes else height * width
     sums = np.zeros((-(-height // block), -(-width // block), 3))
     for rows, col, row, heights in readings():
         residuals, freedoms = np.empty(len(rows)), np.empty(len(rows))
-        for first, last in strips(height, width, cells):
+        for first, last in windows(scratch, height, width, z, freedom):
             spring.interpolate(z, col, row, springs.is_nearest, first, last, residuals)
             spring.interpolate(freedom, col, row, springs.is_nearest, first, last, freedoms)
             scratch.relax(z, first, last)

@@ -221,9 +221,10 @@ class _Work:
         kb, km = self.springs.kb, self.springs.km
         walk = self.hierarchy.walk
         if len(walk.bands(*self.shape)) > 1:
-            self._each(lambda *rows: conjugate.turn(z, p, x, self.moved, beta, *rows))
+            self._each(lambda *rows: conjugate.turn(z, p, x, self.moved, beta, *rows), z, p, x)
             self._each(
-                lambda *rows: spring.apply_rows(data, p, kb, km, *rows, product, dots, edges)
+                lambda *rows: spring.apply_rows(data, p, kb, km, *rows, product, dots, edges),
+                *(data, p, product, edges),
             )
         else:
             walk.in_order(

@@ -49,6 +49,33 @@ def strips(height: int, width: int, cells: int = STRIP_CELLS) -> Iterator[tuple[
         yield start, min(height, start + rows)
 
 
+def windows(
+    scratch: Scratch, height: int, width: int, *arrays: NDArray[Any]
+) -> list[tuple[int, int]]:
+    """
+    Return (first row, last row + 1) of the windows to pass points in any order for.
+
+    Parameters
+    ----------
+    scratch : Scratch
+        Where the arrays live.
+    height, width : int
+        Of the grid.
+    arrays : arrays, by rows
+        What is read or written at the points' places.
+
+    Returns
+    -------
+    windows : list of tuple of 2 int
+        One while all arrays are in RAM; else as large as what is left of the budget allows.
+    """
+    row_bytes = sum(array.nbytes for array in arrays if scratch.is_filed(array)) // height
+    if not row_bytes:
+        return [(0, height)]
+    rows = max(scratch.left_bytes // 2 // row_bytes, 4 * STRIP_CELLS // width)
+    return list(strips(height, width, rows * width))
+
+
 @dataclass(frozen=True, slots=True)
 class Springs:
     """
@@ -149,10 +176,8 @@ class Evidence:
         if min(height, width) < 2:
             raise OptionError(f"evidence needs at least 2 x 2 nodes, got {height} x {width}")
         self.scratch = Scratch() if scratch is None else scratch
-        spilled = self.scratch.spilled_bytes
         self.data: F64 = self.scratch.zeros((height, 5, width), np.float64)
         self.right: F64 = self.scratch.zeros((height, width), np.float64)
-        self.is_spilled = self.scratch.spilled_bytes > spilled
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -160,10 +185,9 @@ class Evidence:
         height, width = self.right.shape
         return height, width
 
-    def windows(self, cells: int = 4 * STRIP_CELLS) -> Iterator[tuple[int, int]]:
-        """Yield row windows to pass all points for: the whole grid when it is in RAM."""
-        height, width = self.shape
-        yield from strips(height, width, cells if self.is_spilled else height * width)
+    def windows(self) -> list[tuple[int, int]]:
+        """Return the row windows to pass all points for: the whole grid when it is in RAM."""
+        return windows(self.scratch, *self.shape, self.data, self.right)
 
     def add(
         self,

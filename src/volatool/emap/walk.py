@@ -1,4 +1,4 @@
-"""How loops walk down a grid: in one call, in strips while arrays live in files, or by threads."""
+"""How loops walk down a grid: whole or in bands, a thread each; in strips while it is in files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Walk:
     scratch : Scratch
         Where the arrays live.
     threads : int
-        Bands of rows at a time, while all arrays are in RAM. Never changes the result.
+        Bands of rows at a time. Never changes the result.
     """
 
     def __init__(self, scratch: Scratch, threads: int = 1) -> None:
@@ -42,9 +42,7 @@ class Walk:
         >>> Walk(Scratch(), threads=2).bands(1001, 1000)
         [(0, 500), (500, 1001)]
         """
-        n = 1
-        if self.threads > 1 and not self.scratch.has_files:
-            n = max(1, min(self.threads, height * width // BAND_CELLS, height // 2))
+        n = max(1, min(self.threads, height * width // BAND_CELLS, height // 2))
         edges = [height * k // n // 2 * 2 for k in range(n)] + [height]
         return list(itertools.pairwise(edges))
 
@@ -67,11 +65,10 @@ class Walk:
         arrays : arrays or None
             What it uses, by rows: those in files may leave RAM behind it.
         """
-        bands = self.bands(height, width)
-        if len(bands) > 1:
-            self.at_once(function, bands)
-        else:
-            self.in_order(function, height, width, *arrays)
+        self.at_once(
+            lambda *band: self.in_order(function, height, width, *arrays, band=band),
+            self.bands(height, width),
+        )
 
     def in_order(
         self,
@@ -79,24 +76,30 @@ class Walk:
         height: int,
         width: int,
         *arrays: NDArray[Any] | None,
+        band: tuple[int, int] | None = None,
     ) -> None:
         """
         Call a function as `each` does, for rows that need those above to be done.
 
-        Arrays of coarser grids, with fewer rows, leave RAM at the same pace.
+        Arrays of coarser grids, with fewer rows, leave RAM at the same pace. With a band only for
+        the rows of that.
         """
+        first, last = band or (0, height)
         if not self.scratch.has_files:
-            function(0, height)
+            function(first, last)
             return
-        for start, stop in strips(height, width):
-            function(start, stop)
+        for start, stop in strips(last - first, width):
+            function(first + start, first + stop)
             for array in arrays:
                 if array is not None:
-                    rows = len(array)
-                    self.scratch.relax(array, start * rows // height, stop * rows // height)
+                    ends = (len(array) * (first + row) // height for row in (start, stop))
+                    self.scratch.relax(array, *ends)
 
     def at_once(self, function: Callable[[int, int], object], bands: list[tuple[int, int]]) -> None:
         """Call a function for all bands, each in a thread."""
+        if len(bands) == 1:
+            function(*bands[0])
+            return
         if self._pool is None:
             self._pool = ThreadPoolExecutor(self.threads, "emap")
         list(self._pool.map(lambda band: function(*band), bands))
