@@ -119,7 +119,9 @@ def write_volume(
         volume = Volume(volume.levels, None, volume.cube, info)
     write = sparse.write if encoding.kind == "sparse" else dense.write
     if encoding.codec == "gzip":
-        with gz.writer(stream) as packed:
+        is_sparse = encoding.kind == "sparse"
+        level = gz.level_for(encoding.payload_bytes(volume)) if is_sparse else gz.LEVEL
+        with gz.writer(stream, level) as packed:
             write(packed, volume)  # type: ignore[arg-type]
     else:
         write(stream, volume)

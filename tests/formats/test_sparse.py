@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from volatool.encodings import Encoding, write_volume
 from volatool.errors import FormatError, OutputError, TruncatedError
 from volatool.formats import gz, sparse
 from volatool.formats.registry import open_volume, read_info
@@ -101,6 +102,28 @@ def test_gzip_is_told_by_content_and_deterministic() -> None:
     assert making.same(open_volume(data), volume)
     assert read_info(data).is_gzip
     assert read_info(data).trailer == read_info(gzip.decompress(data)).trailer
+
+
+@pytest.mark.parametrize("kind", ["sparse", "dense"])
+def test_only_large_sparse_bodies_are_packed_at_the_faster_level(kind, monkeypatch) -> None:
+    """The size of the body alone decides."""
+    volume = making.random_volume(3, 150)
+    plain, packed = Encoding(kind, 2, "none"), Encoding(kind, 2, "gzip")
+
+    def bytes_of(encoding: Encoding) -> bytes:
+        stream = io.BytesIO()
+        write_volume(stream, volume, encoding)
+        return stream.getvalue()
+
+    def at_level(level: int) -> bytes:
+        return gzip.compress(bytes_of(plain), level, mtime=0)[10:]
+
+    assert gz.level_for(gz.LARGE_BYTES) == gz.LEVEL
+    monkeypatch.setattr(gz, "LARGE_BYTES", packed.payload_bytes(volume))
+    assert bytes_of(packed)[10:] == at_level(6)
+    monkeypatch.setattr(gz, "LARGE_BYTES", packed.payload_bytes(volume) - 1)
+    assert bytes_of(packed)[10:] == at_level(4 if kind == "sparse" else 6)
+    assert making.same(open_volume(bytes_of(packed)), volume, metadata=kind == "sparse")
 
 
 def test_zero_metadata_words_are_never_written() -> None:

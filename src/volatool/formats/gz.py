@@ -8,6 +8,17 @@ from typing import BinaryIO
 MAGIC = b"\x1f\x8b"
 LEVEL = 6
 
+LARGE_LEVEL = 4
+"""Of large sparse bodies: a quarter of the time for 8 % more; else it takes longer than reading."""
+
+LARGE_BYTES = 32 << 20
+"""A body with more bytes than this is large."""
+
+
+def level_for(n_bytes: int) -> int:
+    """Return the level for a sparse body of a size; no other thing may count: same bytes always."""
+    return LARGE_LEVEL if n_bytes > LARGE_BYTES else LEVEL
+
 
 def writer(stream: BinaryIO, level: int = LEVEL) -> gzip.GzipFile:
     """
