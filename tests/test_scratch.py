@@ -1,10 +1,14 @@
 """Working memory under a ceiling."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from volatool.errors import ResourceError
+from volatool.model import PointChunk
 from volatool.scratch import Scratch, Spool
+from volatool.vola.held import HeldPoints
 
 
 def test_an_array_over_the_budget_lives_in_a_file_and_holds_the_same():
@@ -52,3 +56,42 @@ def test_a_spool_gives_back_the_rows_in_pieces_that_depend_on_nothing(budget, le
         assert np.array_equal(np.concatenate([*pieces, rows[:0]]), rows)
     spool.close()
     assert spool.scratch.used_bytes == 0
+
+
+class Full(Scratch):
+    """All its files are on a full disk: a real one, whose writes fail when they are flushed."""
+
+    def file(self):
+        return Path("/dev/full").open("w+b")
+
+
+def waiting(n):
+    """Return a spool and held points on a full disk, and what puts n rows into them and back."""
+    spool, held = Spool(Full(0), np.dtype((np.int32, (3,)))), HeldPoints(Full(0), 1.0, [])
+    x = np.zeros(n, np.int32)
+    points = PointChunk(0, x, x, x, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+    rows = np.zeros((n, 3), np.int32)
+    return [
+        (spool, lambda: spool.append(rows), lambda: list(spool.pieces())),
+        (held, lambda: held.add(points), lambda: list(held.taken())),
+    ]
+
+
+needs_full = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+
+
+@needs_full
+@pytest.mark.parametrize("n", [100, 50_000])
+def test_a_full_disk_is_an_error_of_ours_at_the_write_or_at_the_flush(n):
+    for store, put, get in waiting(n):
+        with pytest.raises(ResourceError, match=r"No space left on device.*TMPDIR"):  # noqa: PT012
+            put()
+            get()
+        store.close()
+
+
+@needs_full
+def test_what_nobody_wants_any_more_is_dropped_without_a_word():
+    for store, put, _ in waiting(100):
+        put()
+        store.close()

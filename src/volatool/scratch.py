@@ -5,6 +5,7 @@ Results never depend on where an array lives; only the resident size of the proc
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 import os
 import tempfile
@@ -106,6 +107,22 @@ class Scratch:
         except OSError as error:
             raise _no_space(self.directory, error) from error
 
+    @contextlib.contextmanager
+    def writing(self, file: BinaryIO) -> Iterator[None]:
+        """
+        Turn what goes wrong while a file of `file` is written or flushed into an error of ours.
+
+        Raises
+        ------
+        ResourceError
+            ``E_MEMORY``: it takes no more; it is closed.
+        """
+        try:
+            yield
+        except OSError as error:
+            drop(file)
+            raise _no_space(self.directory, error) from error
+
     def zeros(self, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
         """
         Return an array of zeros, in RAM if the budget has it, else backed by a file.
@@ -172,6 +189,12 @@ class Scratch:
                 self.give(array.nbytes)
 
 
+def drop(file: BinaryIO) -> None:
+    """Close a temporary file whose content nobody wants: closing writes what is left, in vain."""
+    with contextlib.suppress(OSError):
+        file.close()
+
+
 def _no_space(directory: Path | None, error: OSError) -> ResourceError:
     return no_space(directory or tempfile.gettempdir(), error.strerror or str(error))
 
@@ -233,10 +256,8 @@ class Spool:
 
     def _write(self, rows: NDArray[Any]) -> None:
         assert self._file is not None
-        try:
+        with self.scratch.writing(self._file):
             self._file.write(np.ascontiguousarray(rows).view(np.uint8).data)
-        except OSError as error:
-            raise _no_space(self.scratch.directory, error) from error
         self.scratch.spilled_bytes += rows.nbytes
 
     def _give_kept(self) -> None:
@@ -261,7 +282,8 @@ class Spool:
         if self._file is None:
             yield from _recut(self._kept, max_rows)
             return
-        self._file.flush()
+        with self.scratch.writing(self._file):
+            self._file.flush()
         for start in range(0, self.n_rows, max_rows):
             n_rows = min(max_rows, self.n_rows - start)
             self._file.seek(start * self.dtype.itemsize)
@@ -271,7 +293,7 @@ class Spool:
         """Drop the rows and give the memory back."""
         self._give_kept()
         if self._file is not None:
-            self._file.close()
+            drop(self._file)
             self._file = None
         self.n_rows = 0
 

@@ -9,9 +9,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from volatool.errors import ResourceError
 from volatool.model import PointChunk
-from volatool.scratch import Scratch, no_space
+from volatool.scratch import Scratch, drop
 
 
 class HeldPoints:
@@ -35,17 +34,17 @@ class HeldPoints:
         self._chunks: list[PointChunk | _Filed] = []
         self._file: BinaryIO | None = None
         self._counted_bytes = 0
-        self.n_points = 0
+        self._n_points = 0
 
     def __len__(self) -> int:
-        return self.n_points
+        return self._n_points
 
     def add(self, points: PointChunk) -> None:
         """Keep a copy of points."""
         attributes = {name: points.attributes[name] for name in self._names}
         columns = (points.x, points.y, points.z, *attributes.values())
         n_bytes = sum(column.nbytes for column in columns)
-        self.n_points += len(points)
+        self._n_points += len(points)
         if self._file is None and self._scratch.take(n_bytes, self._share):
             self._counted_bytes += n_bytes
             x, y, z, *values = (column.copy() for column in columns)
@@ -57,27 +56,20 @@ class HeldPoints:
 
     def _written(self, points: PointChunk, columns: tuple[NDArray[Any], ...]) -> _Filed:
         self._file = self._file or self._scratch.file()
-        try:
+        with self._scratch.writing(self._file):
             for column in columns:
                 self._file.write(np.ascontiguousarray(column).view(np.uint8).data)
                 self._scratch.spilled_bytes += column.nbytes
-        except OSError as error:
-            raise self._no_room(error) from error
         kinds = [column.dtype for column in columns]
         return _Filed(points.start, len(points), points.scale, points.offset, kinds)
 
-    def _no_room(self, error: OSError) -> ResourceError:
-        return no_space(self._scratch.directory or "TMPDIR", error.strerror or str(error))
-
     def taken(self) -> Iterator[PointChunk]:
         """Yield the points; none is left."""
-        chunks, self._chunks, self.n_points = self._chunks, [], 0
+        chunks, self._chunks, self._n_points = self._chunks, [], 0
         chunks.reverse()
         if self._file is not None:
-            try:
+            with self._scratch.writing(self._file):
                 self._file.seek(0)  # writes what is left
-            except OSError as error:
-                raise self._no_room(error) from error
         while chunks:
             chunk = chunks.pop()
             if isinstance(chunk, _Filed):
@@ -88,11 +80,11 @@ class HeldPoints:
 
     def close(self) -> None:
         """Drop the points and give the memory back."""
-        self._chunks, self.n_points = [], 0
+        self._chunks, self._n_points = [], 0
         self._scratch.give(self._counted_bytes)
         self._counted_bytes = 0
         if self._file is not None:
-            self._file.close()
+            drop(self._file)
             self._file = None
 
 

@@ -7,7 +7,6 @@ a size become one. What comes out at the end is one sorted stream, whatever happ
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Generator, Iterator
 from typing import Any, BinaryIO, TypeAlias
@@ -15,7 +14,6 @@ from typing import Any, BinaryIO, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from volatool.errors import ResourceError
 from volatool.model import I64, U64
 from volatool.scratch import Scratch
 
@@ -86,19 +84,12 @@ class Runs:
 
     def _written(self, pieces: Iterator[Rows]) -> _FileRun:
         run = _FileRun(self._scratch.file(), self._digits)
-        try:
+        with self._scratch.writing(run.file):
             for piece in pieces:
                 run.file.write(np.ascontiguousarray(piece).view(np.uint8).data)
                 run.n_rows += len(piece)
                 self._scratch.spilled_bytes += piece.nbytes
             run.file.flush()
-        except OSError as error:
-            with contextlib.suppress(OSError):  # closing writes what is left, in vain
-                run.file.close()
-            raise ResourceError(
-                f"no room for temporary data ({error.strerror or error}); "
-                "set TMPDIR to a larger folder or raise --memory"
-            ) from error
         return run
 
     def _piece_rows(self) -> int:
