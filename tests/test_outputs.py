@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from volatool.errors import OutputError, OutputExistsError
-from volatool.outputs import OutputSet, sweep
+from volatool.outputs import OutputSet, discard_all, sweep
 
 
 def names(folder):
@@ -34,6 +34,17 @@ def test_an_error_leaves_the_old_output_and_nothing_else(tmp_path):
         # no commit: what an error in the middle comes to
     assert names(tmp_path) == ["a"]
     assert (tmp_path / "a").read_text() == "old"
+
+
+def test_a_process_that_ends_at_once_can_remove_all_that_it_was_writing(tmp_path):
+    with OutputSet() as done, OutputSet() as one, OutputSet() as other:
+        done.add(tmp_path / "a").touch()
+        done.commit()
+        one.add(tmp_path / "b").touch()
+        other.add(tmp_path / "c").touch()
+        other.add(tmp_path / "d")  # nothing written yet
+        discard_all()
+        assert names(tmp_path) == ["a"]
 
 
 def test_existing_outputs_are_refused_unless_asked(tmp_path):

@@ -7,6 +7,7 @@ import errno
 import os
 import platform
 import re
+import weakref
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +21,7 @@ _TEMPORARY = re.compile(
 _LONGEST_STEM = 40  # of at most 4 bytes each: file systems take names of 255 bytes
 _HOST = re.sub("[^A-Za-z0-9_]", "_", platform.node())
 _swept: set[Path] = set()  # folders: looking through thousands of outputs before each takes long
+_sets: weakref.WeakSet[OutputSet] = weakref.WeakSet()
 
 
 class OutputSet:
@@ -41,6 +43,7 @@ class OutputSet:
     def __init__(self, overwrite: bool = False) -> None:
         self.overwrite = overwrite
         self._pending: dict[Path, Path] = {}
+        _sets.add(self)
 
     def __enter__(self) -> OutputSet:
         return self
@@ -51,10 +54,14 @@ class OutputSet:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        for temporary in self._pending.values():
+        self.discard()
+
+    def discard(self) -> None:
+        """Remove what was written and has no name yet; another thread may still be writing."""
+        for temporary in list(self._pending.values()):
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
-        self._pending.clear()
+        self._pending.clear()  # none before it is gone: the process may end after this
 
     def add(self, target: Path) -> Path:
         """
@@ -175,6 +182,12 @@ def sweep(folder: Path) -> None:
         if match["host"] == _HOST[:24] and not is_alive(int(match["pid"])):
             with contextlib.suppress(OSError):
                 (folder / match.string).unlink()
+
+
+def discard_all() -> None:
+    """Remove what this process was writing, before it ends at once, from whatever thread."""
+    for outputs in list(_sets):
+        outputs.discard()
 
 
 def write_error(path: object, error: OSError) -> OutputError:

@@ -146,7 +146,7 @@ def test_a_worker_that_ends_by_itself_is_a_lost_one():
     assert "ended with status 3, 2 times" in result.report.error["message"]
 
 
-def test_workers_do_not_outlive_a_killed_parent(tmp_path):
+def test_workers_do_not_outlive_a_killed_parent_and_leave_nothing_half_written(tmp_path):
     code = (
         "import sys, making_work\n"
         "from pathlib import Path\n"
@@ -168,5 +168,7 @@ def test_workers_do_not_outlive_a_killed_parent(tmp_path):
     ) as parent:
         pids = [int(parent.stdout.readline()) for _ in range(2)]
         assert all(map(is_alive, pids))
+        assert len(list(tmp_path.iterdir())) == 2
         parent.kill()
     wait_until(lambda: not any(map(is_alive, pids)))
+    assert list(tmp_path.iterdir()) == []

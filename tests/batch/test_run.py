@@ -1,5 +1,9 @@
 """The order of inputs, of work and of results."""
 
+import platform
+import re
+import subprocess
+
 import making_work
 import pytest
 
@@ -55,6 +59,25 @@ def test_the_largest_come_first_where_the_order_is_free(paths, tmp_path, kind, e
     assert watcher.sizes == [10, 30, 20, 1]
     assert watcher.ends == 1
     assert sorted(result.index for result in results) == [0, 1, 2, 3]
+
+
+def test_what_a_process_was_writing_that_ends_during_the_run_is_removed(paths, tmp_path):
+    with subprocess.Popen(["sleep", "60"]) as process:
+        host = re.sub("[^A-Za-z0-9_]", "_", platform.node())[:24]
+        left = tmp_path / f".old.vol.gz.0.volatool-{host}-{process.pid}.tmp.gz"
+        left.touch()
+        results = run_inputs(
+            paths,
+            ConvertOptions(),
+            kind="convert",
+            outdir=tmp_path,
+            executor=Serial(making_work.quick),
+        )
+        next(results)
+        assert left.exists()  # it may still be written
+        process.kill()
+    list(results)
+    assert not left.exists()
 
 
 def test_an_executor_that_fails_ends_the_run_for_its_watcher_too(paths, tmp_path):

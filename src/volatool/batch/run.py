@@ -16,6 +16,7 @@ from volatool.batch.plan import refuse_collisions
 from volatool.batch.resume import options_digest, proven
 from volatool.batch.work import Result, Unit
 from volatool.classification import refuse_inputs
+from volatool.errors import VolatoolError
 from volatool.options import ConvertOptions
 from volatool.outputs import OutputSet, refuse_existing, sweep
 from volatool.tile import planned_outputs
@@ -101,11 +102,11 @@ def run_inputs(
             verify=verify,
         )
         logger.warning("%d of %d inputs are done already", sum(is_done), len(paths))
+    folders: set[Path] = set()
     if kind != "stats":
         _refuse_outputs(paths, is_done, options, kind, outdir, overwrite=overwrite or resume)
-        for folder in {path.parent for path in paths} if outdir is None else [outdir]:
-            if folder.is_dir():
-                sweep(folder)
+        folders = {path.parent for path in paths} if outdir is None else {outdir}
+        _sweep(folders)
     sizes = array("q", (0 if is_done[i] else _size(path) for i, path in enumerate(paths)))
     order = array("q", (index for index, done in enumerate(is_done) if not done))
     if kind != "stats" and not executor.in_order:  # a large one begun last would end alone
@@ -138,6 +139,8 @@ def run_inputs(
                     return
     finally:
         watcher.ended()
+        with contextlib.suppress(VolatoolError):  # what is done is done
+            _sweep(folders)  # once more: workers of a killed run may have lived until now
         if manifest is not None:
             _list_failed(manifest.path.with_name(FAILED_NAME), failed)
 
@@ -180,6 +183,12 @@ def _refuse_outputs(
             for target in planned_outputs(paths[index], options, kind, outdir)
         ]
         refuse_existing(targets, overwrite)
+
+
+def _sweep(folders: Iterable[Path]) -> None:
+    for folder in folders:
+        if folder.is_dir():
+            sweep(folder)
 
 
 def _size(path: Path) -> int:

@@ -15,9 +15,10 @@ import time
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 from volatool.batch.work import Unit, Work, perform
+from volatool.outputs import discard_all
 
 _PAUSE_S = 0.1
 """Between two pieces of news about one unit."""
@@ -85,6 +86,17 @@ def _listen(pipe: Connection, units: queue.SimpleQueue[Unit]) -> None:
     with contextlib.suppress(EOFError, OSError):
         while True:
             units.put(pipe.recv())
+    _leave()
+
+
+def _leave() -> NoReturn:
+    """
+    End at once.
+
+    What is half-written is removed first: a thread that waits for the disk (``fsync``) keeps the
+    process alive until it is done, and the run that follows would take the files for a live one's.
+    """
+    discard_all()
     os._exit(0)
 
 
@@ -101,7 +113,7 @@ class _Sender:
             with self._lock:
                 self._pipe.send(message)
         except OSError:
-            os._exit(0)
+            _leave()
 
 
 class _Progress:
