@@ -39,13 +39,19 @@ def test_a_missing_folder_for_temporary_data_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("budget", [None, 100, 1])
-@pytest.mark.parametrize("lengths", [[5, 0, 7, 30], [42], [1] * 42, []])
-def test_a_spool_gives_back_the_rows_in_pieces_that_depend_on_nothing(budget, lengths):
+@pytest.mark.parametrize("lengths", [[5, 0, 7, 30], [42], [1] * 42, [4, 4, 16, 3], []])
+@pytest.mark.parametrize("block", [4, 8, 64])
+def test_a_spool_gives_back_the_rows_in_pieces_that_depend_on_nothing(
+    budget, lengths, block, monkeypatch
+):
+    monkeypatch.setattr("volatool.scratch._BLOCK_ROWS", block)
     rows = np.arange(sum(lengths) * 3, dtype=np.int32).reshape(-1, 3)
     spool = Spool(Scratch(budget), np.dtype((np.int32, (3,))))
     start = 0
     for length in lengths:
-        spool.append(rows[start : start + length])
+        passed = rows[start : start + length].copy()
+        spool.append(passed)
+        passed[:] = -1  # it was copied
         start += length
     assert len(spool) == len(rows)
     for _ in range(2):  # readable again

@@ -83,7 +83,7 @@ selection = group(of_class, of_place, of_height)
 chunk_points = click.option(
     "--chunk-points",
     type=click.IntRange(min=1),
-    default=250_000,
+    default=400_000,
     show_default=True,
     metavar="N",
     help="Points read at a time; does not change any result.",

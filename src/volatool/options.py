@@ -161,7 +161,7 @@ class ConvertOptions:
     bounds: Bounds | None = None
     thin: int | None = None
     robust_z: bool = False
-    chunk_points: int = 250_000
+    chunk_points: int = 400_000
     from_format: str | None = None
     columns: tuple[str, ...] | None = None
     mesh: str = "auto"

@@ -10,7 +10,7 @@ import mmap
 import os
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
@@ -207,6 +207,9 @@ def no_space(where: Path | str, why: str) -> ResourceError:
     )
 
 
+_BLOCK_ROWS = 1 << 18
+
+
 class Spool:
     """
     Rows appended in order and read back in the same order, spilled to a file when over budget.
@@ -226,7 +229,8 @@ class Spool:
         self.dtype = np.dtype(dtype)
         self.share = share
         self.n_rows = 0
-        self._kept: list[NDArray[Any]] = []
+        # of `_BLOCK_ROWS` each, but for the first, which grows to that: pieces need no copying
+        self._blocks: list[NDArray[Any]] = []
         self._file: BinaryIO | None = None
 
     def __len__(self) -> int:
@@ -239,20 +243,52 @@ class Spool:
         Parameters
         ----------
         rows : (n,) array of the spool's dtype
-            Kept as it is, not copied, while in RAM: the caller must not change it.
+            Copied.
         """
         if not len(rows):
             return
-        self.n_rows += len(rows)
-        if self._file is None:
-            if self.scratch.take(rows.nbytes, self.share):
-                self._kept.append(rows)
-                return
+        if self._file is None and not self._widen(len(rows)):
             self._file = self.scratch.file()
-            for kept in self._kept:
+            for kept in self._kept():
                 self._write(kept)
-            self._give_kept()
-        self._write(rows)
+            self._drop_blocks()
+        if self._file is None:
+            self._fill(rows)
+        else:
+            self._write(rows)
+        self.n_rows += len(rows)
+
+    def _widen(self, n: int) -> bool:
+        """Make room for so many rows more; False if the budget has none."""
+        total = self.n_rows + n
+        held = sum(map(len, self._blocks))
+        if total <= held:
+            return True
+        if total <= _BLOCK_ROWS:
+            sizes = [min(max(total, 2 * held), _BLOCK_ROWS)]
+        else:
+            sizes = [_BLOCK_ROWS] * -(-total // _BLOCK_ROWS)
+        if not self.scratch.take((sum(sizes) - held) * self.dtype.itemsize, self.share):
+            return False
+        is_first_short = len(self._blocks) == 1 and held < sizes[0]
+        first = self._blocks.pop() if is_first_short else None
+        for size in sizes[len(self._blocks) :]:
+            self._blocks.append(np.empty(size, self.dtype))
+        if first is not None:
+            self._blocks[0][: self.n_rows] = first[: self.n_rows]
+        return True
+
+    def _fill(self, rows: NDArray[Any]) -> None:
+        done = 0
+        while done < len(rows):
+            number, start = divmod(self.n_rows + done, _BLOCK_ROWS)
+            part = rows[done : done + _BLOCK_ROWS - start]
+            self._blocks[number][start : start + len(part)] = part
+            done += len(part)
+
+    def _kept(self) -> Iterator[NDArray[Any]]:
+        for number, block in enumerate(self._blocks):
+            yield block[: self.n_rows - number * _BLOCK_ROWS]
 
     def _write(self, rows: NDArray[Any]) -> None:
         assert self._file is not None
@@ -260,12 +296,12 @@ class Spool:
             self._file.write(np.ascontiguousarray(rows).view(np.uint8).data)
         self.scratch.spilled_bytes += rows.nbytes
 
-    def _give_kept(self) -> None:
-        for kept in self._kept:
-            self.scratch.give(kept.nbytes)
-        self._kept = []
+    def _drop_blocks(self) -> None:
+        for block in self._blocks:
+            self.scratch.give(block.nbytes)
+        self._blocks = []
 
-    def pieces(self, max_rows: int = 1 << 18) -> Iterator[NDArray[Any]]:
+    def pieces(self, max_rows: int = _BLOCK_ROWS) -> Iterator[NDArray[Any]]:
         """
         Yield the rows in order, in pieces that do not depend on how they were appended.
 
@@ -280,7 +316,7 @@ class Spool:
             Not to be changed.
         """
         if self._file is None:
-            yield from _recut(self._kept, max_rows)
+            yield from _recut(self._kept(), max_rows)
             return
         with self.scratch.writing(self._file):
             self._file.flush()
@@ -291,14 +327,14 @@ class Spool:
 
     def close(self) -> None:
         """Drop the rows and give the memory back."""
-        self._give_kept()
+        self._drop_blocks()
         if self._file is not None:
             drop(self._file)
             self._file = None
         self.n_rows = 0
 
 
-def _recut(arrays: list[NDArray[Any]], max_rows: int) -> Iterator[NDArray[Any]]:
+def _recut(arrays: Iterable[NDArray[Any]], max_rows: int) -> Iterator[NDArray[Any]]:
     """Yield the rows of arrays, in pieces of `max_rows` (the last may be shorter)."""
     waiting: list[NDArray[Any]] = []
     n_waiting = 0

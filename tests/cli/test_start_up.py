@@ -90,12 +90,14 @@ def test_errors_that_need_no_points_never_load_the_compiler(files, code, argumen
     assert "rasterio" not in modules or arguments[0] == "check"
 
 
-def test_a_conversion_with_a_warm_cache_loads_no_scipy_for_the_compiler(volatool):
+@pytest.mark.parametrize("options", [("--no-dem",), ()])
+def test_a_conversion_with_a_warm_cache_loads_no_scipy_for_the_compiler(volatool, options):
     """The registries of numba's compiler, SciPy's linear algebra with them, stay out."""
-    assert volatool("convert", "forest.laz", "-q", "--no-dem").returncode == 0  # fills the cache
+    arguments = ("convert", "forest.laz", "-q", "--overwrite", *options)
+    assert volatool(*arguments).returncode == 0  # fills the cache
     code = CODE.replace('"scipy"', '"scipy.linalg", "numba.np.linalg"')
     done = subprocess.run(
-        [sys.executable, "-c", code, "convert", "forest.laz", "-q", "--no-dem", "--overwrite"],
+        [sys.executable, "-c", code, *arguments],
         cwd=volatool.folder, env=os.environ.copy(), capture_output=True, text=True, check=True,
     )  # fmt: skip
     modules = set(done.stderr.splitlines()[-1].split()[1:])

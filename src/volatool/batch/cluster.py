@@ -107,6 +107,8 @@ class Cluster:
                     memory_limit=None,  # volatool keeps its own ceiling
                     resources={RESOURCE: 1},
                     dashboard_address=None,
+                    # its metrics are served all the same: not on 8787, another run may be there
+                    scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                 )
             )
         try:

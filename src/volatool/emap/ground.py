@@ -341,7 +341,7 @@ class GroundFilter:
         is_any = False
         for start, stop in strips(*shape):
             ground.spare_large(found, LOW_GROUP, start, stop, limits)
-            is_any = is_any or bool(np.any(limits[start:stop] > np.iinfo(np.int64).min))
+            is_any = is_any or bool(np.any(limits[start:stop] > ground.NO_LIMIT))
             scratch.relax(found, start, stop)
             scratch.relax(limits, start, stop)
         scratch.free(found)

@@ -13,6 +13,9 @@ from volatool.kernels.spring import accumulate
 NONE = np.int32(np.iinfo(np.int32).max)
 """Stored z of the lowest point of a cell without points; a point as high as this counts as none."""
 
+NO_LIMIT = np.int64(np.iinfo(np.int64).min)
+"""Limit of a cell whose points are all high enough."""
+
 
 @kernel
 def cell_numbers(col, row, h, w, first, last, numbers):
@@ -130,14 +133,13 @@ def low_limits(best, drop, reach, part, start, stop, limits):
     start, stop : int
         Rows.
     limits : (h, w) array of int64
-        Rows are set: the smallest z that isn't too low, or the least int64 where no point is.
+        Rows are set: the smallest z that isn't too low, or `NO_LIMIT`.
     """
     h, w = best.shape[:2]
     around = np.empty((2 * reach + 1) ** 2)
-    nothing = np.iinfo(np.int64).min
     for r in range(start, stop):
         for q in range(w):
-            limits[r, q] = nothing
+            limits[r, q] = NO_LIMIT
             if best[r, q, 2] == NONE:
                 continue
             own = np.float64(best[r, q, 2])
@@ -157,10 +159,28 @@ def low_limits(best, drop, reach, part, start, stop, limits):
             upper = min(lower + 1, n - 1)
             if n_near > upper:
                 continue
-            ranked = np.sort(around[:n])
-            level = ranked[lower] + (place - lower) * (ranked[upper] - ranked[lower])
+            _sort_lowest(around, n, upper + 1)
+            level = around[lower] + (place - lower) * (around[upper] - around[lower])
             if own < level - drop:
                 limits[r, q] = np.int64(np.ceil(level - drop))
+
+
+@kernel
+def _sort_lowest(values, n, n_sorted):
+    """Move the lowest of the first n values to the front, in order; at least one of them."""
+    # by insertion, as they are few; np.sort in a kernel has numba import SciPy (0.1 s)
+    for i in range(1, n):
+        value = values[i]
+        at = min(i, n_sorted)
+        if at == n_sorted:
+            if value >= values[at - 1]:
+                continue
+            values[i] = values[at - 1]
+            at -= 1
+        while at > 0 and values[at - 1] > value:
+            values[at] = values[at - 1]
+            at -= 1
+        values[at] = value
 
 
 @kernel
@@ -177,16 +197,15 @@ def spare_large(limits, largest, start, stop, out):
     start, stop : int
         Rows.
     out : (h, w) array of int64
-        Rows are set; the least int64 where there is no limit.
+        Rows are set; `NO_LIMIT` where there is none.
     """
     h, w = limits.shape
-    nothing = np.iinfo(np.int64).min
     rows = np.empty(largest + 1, np.int64)
     cols = np.empty(largest + 1, np.int64)
     for r in range(start, stop):
         for q in range(w):
             out[r, q] = limits[r, q]
-            if limits[r, q] == nothing:
+            if limits[r, q] == NO_LIMIT:
                 continue
             rows[0] = r
             cols[0] = q
@@ -195,7 +214,7 @@ def spare_large(limits, largest, start, stop, out):
             while k < n and n <= largest:
                 for i in range(max(rows[k] - 1, 0), min(rows[k] + 2, h)):
                     for j in range(max(cols[k] - 1, 0), min(cols[k] + 2, w)):
-                        if limits[i, j] == nothing or n > largest:
+                        if limits[i, j] == NO_LIMIT or n > largest:
                             continue
                         known = False
                         for m in range(n):
@@ -206,7 +225,7 @@ def spare_large(limits, largest, start, stop, out):
                             n += 1
                 k += 1
             if n > largest:
-                out[r, q] = nothing
+                out[r, q] = NO_LIMIT
 
 
 @kernel
@@ -429,7 +448,10 @@ def pull(data, right, rows, lattice, zero, step, z, cell, base, per_slope, first
         part = rows[start : start + BLOCK]
         n = part.shape[0]
         places(part, lattice, col[:n], row[:n])
-        if row[:n].max() < first - 1 or row[:n].min() > last + 1:
+        lowest_row = highest_row = row[0]
+        for i in range(1, n):
+            lowest_row, highest_row = min(lowest_row, row[i]), max(highest_row, row[i])
+        if highest_row < first - 1 or lowest_row > last + 1:
             continue
         for i in range(n):
             height[i] = (np.int64(part[i, 2]) - zero) * step

@@ -123,21 +123,22 @@ def fold_keys(keys, state, blocks, words):
         How many were filled.
     """
     block, word = state[0], state[1]
-    n_blocks = np.int64(0)
+    at = np.int64(-1)  # of the block begun last
+    if word != np.uint64(0):
+        at += 1
+        blocks[at], words[at] = block, word
     for i in range(keys.size):
         parent = keys[i] >> np.uint64(6)
         bit = np.uint64(1) << (keys[i] & np.uint64(63))
-        if parent != block or word == np.uint64(0):
-            if word != np.uint64(0):
-                blocks[n_blocks] = block
-                words[n_blocks] = word
-                n_blocks += 1
-            block = parent
-            word = bit
-        else:
-            word |= bit
+        is_same = parent == block and at >= 0
+        # no branch: where many blocks have few cells it would often be mispredicted
+        word = bit | (word if is_same else np.uint64(0))
+        at += np.int64(not is_same)
+        block = parent
+        blocks[at] = block
+        words[at] = word
     state[0], state[1] = block, word
-    return n_blocks
+    return max(at, np.int64(0))
 
 
 @kernel

@@ -7,7 +7,7 @@ import numpy as np
 from volatool.cube import Cube
 from volatool.errors import OptionError
 from volatool.model import F64, I32, U64
-from volatool.vola.fold import fold_levels
+from volatool.vola.fold import words_of_levels
 from volatool.vola.info import VolumeInfo
 from volatool.vola.volume import Volume
 
@@ -77,8 +77,6 @@ def volume_of_cells(cells: I32, depth: int) -> Volume:
     from volatool.kernels.quantize import cell_keys
 
     keys: U64 = np.unique(cell_keys(cells))
-    levels: list[list[U64]] = [[] for _ in range(depth)]
-    fold_levels(iter([keys]), depth, lambda level, words: levels[level - 1].append(words))
-    words = tuple(np.concatenate(pieces) for pieces in levels)
+    words = words_of_levels(keys, depth)
     info = VolumeInfo(n_points=len(cells), source_name="surface")
     return Volume(words, None, Cube((0.0, 0.0, 0.0), SIDE), info)

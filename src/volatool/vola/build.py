@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from volatool.cube import MAX_DEPTH, Cube
 from volatool.errors import OptionError, ResourceError
 from volatool.model import U64
-from volatool.vola.fold import fold_levels
+from volatool.vola.fold import words_of_levels
 from volatool.vola.info import VolumeInfo
 from volatool.vola.prune import PRESENT
 from volatool.vola.strips import group_starts
@@ -79,10 +79,7 @@ def _levels(keys: U64, depth: int) -> tuple[U64, ...]:
     """Fold sorted keys, repeats among them; `keys` is changed."""
     from volatool.kernels import levels as kernels
 
-    distinct = keys[: int(kernels.drop_repeats(keys))]
-    pieces: list[list[U64]] = [[] for _ in range(depth)]
-    fold_levels(iter([distinct]), depth, lambda level, words: pieces[level - 1].append(words))
-    return tuple(np.concatenate([np.empty(0, np.uint64), *piece]) for piece in pieces)
+    return words_of_levels(keys[: int(kernels.drop_repeats(keys))], depth)
 
 
 def _metadata(keys: U64, words: U64, depth: int) -> tuple[U64, ...]:

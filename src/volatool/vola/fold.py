@@ -14,7 +14,7 @@ from volatool.model import I64, U64, LevelCounts
 from volatool.vola.metadata import Scaling
 
 Sink = Callable[[int, U64], None]
-"""Called with (level from 1, next words of that level in order)."""
+"""Called with (level from 1, next words of that level in order), to be copied if kept."""
 
 
 def fold_levels(pieces: Iterator[U64], depth: int, sink: Sink) -> list[LevelCounts]:
@@ -40,6 +40,8 @@ def fold_levels(pieces: Iterator[U64], depth: int, sink: Sink) -> list[LevelCoun
     states = np.zeros((depth + 1, 2), np.uint64)
     counts = np.zeros((depth + 1, 66), np.int64)
     blocks_seen = np.zeros(depth + 1, np.int64)
+    # made once: new pages for each piece take longer than the folding
+    rooms = [np.empty((2, 0), np.uint64)] * (depth + 1)
 
     def put(level: int, words: U64) -> None:
         kernels.count_words(words, counts[level])
@@ -48,15 +50,16 @@ def fold_levels(pieces: Iterator[U64], depth: int, sink: Sink) -> list[LevelCoun
 
     def climb(cells: U64, is_last: bool) -> None:
         for level in range(depth, 0, -1):
-            blocks = np.empty(len(cells) + 1, np.uint64)
-            words = np.empty(len(cells) + 1, np.uint64)
+            if rooms[level].shape[1] <= len(cells):
+                rooms[level] = np.empty((2, len(cells) + 1), np.uint64)
+            blocks, words = rooms[level]
             n_blocks = int(kernels.fold_keys(cells, states[level], blocks, words))
             if is_last and states[level, 1]:
                 blocks[n_blocks], words[n_blocks] = states[level]
                 n_blocks += 1
             if not n_blocks:
                 return
-            put(level, words[:n_blocks].copy())
+            put(level, words[:n_blocks])
             cells = blocks[:n_blocks]
 
     for piece in pieces:
@@ -68,6 +71,22 @@ def fold_levels(pieces: Iterator[U64], depth: int, sink: Sink) -> list[LevelCoun
         LevelCounts(int(blocks_seen[level]), counts[level, :65].copy(), int(counts[level, 65]))
         for level in range(1, depth + 1)
     ]
+
+
+def words_of_levels(keys: U64, depth: int) -> tuple[U64, ...]:
+    """
+    Return the words of every level of voxels that are all there.
+
+    Parameters
+    ----------
+    keys : (n,) array of uint64
+        Distinct path keys at level `depth`, sorted.
+    depth : int
+        Number of levels.
+    """
+    pieces: list[list[U64]] = [[np.empty(0, np.uint64)] for _ in range(depth)]
+    fold_levels(iter([keys]), depth, lambda level, words: pieces[level - 1].append(words.copy()))
+    return tuple(map(np.concatenate, pieces))
 
 
 def fold_sums(pieces: Iterator[I64], level: int, scaling: Scaling, sink: Sink) -> None:
@@ -100,7 +119,7 @@ def fold_sums(pieces: Iterator[I64], level: int, scaling: Scaling, sink: Sink) -
             if not cut:
                 return
             rows = rows[:cut]
-            sink(at, kernels.encode_rows(rows, scaling.table, scaling.has_class).copy())
+            sink(at, kernels.encode_rows(rows, scaling.table, scaling.has_class))
             rows = kernels.fold_rows(rows, 1)
             at -= 1
 
