@@ -33,6 +33,30 @@ except Exception as error:
     print(type(error).__name__, _jit._turn._depth)
 """
 
+CALLING = """
+import sys
+import numpy as np
+from volatool.kernels import _jit
+if "refused" in sys.argv:
+    def refuse(cls, codegen, state):
+        raise RuntimeError("another numba")
+    _jit._Library._unserialize = classmethod(refuse)
+@_jit.kernel
+def square(a):
+    return a * a
+@_jit.kernel
+def sum_of_squares(a):
+    total = 0.0
+    for i in range(a.size):
+        total += square(a[i])
+    return total
+if "inner" in sys.argv:
+    square(2.0)
+print(sum_of_squares(np.arange(4.0)), square(3.0))
+(found,) = sum_of_squares.overloads.values()
+print(type(found.library).__name__)
+"""
+
 
 def start(folder, *command):
     return subprocess.Popen(
@@ -110,3 +134,25 @@ def test_a_failed_compilation_lets_others_compile(tmp_path):
     script.write_text(FAILING)
     stdout, _ = start(tmp_path, str(script)).communicate(timeout=120)
     assert stdout.split() == ["TypingError", "0"]
+
+
+def test_kernels_from_the_cache_can_be_run_and_compiled_into_others(tmp_path):
+    script = tmp_path / "calling.py"
+    script.write_text(CALLING)
+
+    def result(*words):
+        stdout, stderr = start(tmp_path, str(script), *words).communicate(timeout=120)
+        return stdout.split() or stderr
+
+    assert result() == ["14.0", "9.0", "JITCodeLibrary"]
+    (outer,) = tmp_path.rglob("calling.sum_of_squares*.nbc")
+    outer.unlink()
+    inner = compiled(tmp_path)
+    # the inner one comes from the cache, is run, and then made part of the outer one
+    assert result("inner") == ["14.0", "9.0", "JITCodeLibrary"]
+    assert {path: when for path, when in compiled(tmp_path).items() if path != outer} == inner
+    assert result() == ["14.0", "9.0", "_Library"]
+    before = compiled(tmp_path)
+    # numba's own way does as well, from the same cache
+    assert result("refused") == ["14.0", "9.0", "JITCodeLibrary"]
+    assert compiled(tmp_path) == before

@@ -8,7 +8,8 @@ readers share. A second lock lets one process compile at a time (`_Turn`).
 
 A process that finds all its kernels in the cache never compiles, so that it needs nothing of what
 numba registers for its compiler: a load does without the refresh of numba's registries, which
-costs 20 ms a kernel and imports SciPy (`_SharedCache`).
+costs 20 ms a kernel and imports SciPy (`_SharedCache`), and without the code that other kernels
+would be compiled with, half of what is left (`_Library`).
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from typing import Any, TextIO
 
 import numba
 import numpy as np
-from numba.core import caching, event
+from llvmlite import binding
+from numba.core import caching, codegen, event
 from numba.core.runtime.nrt import rtsys
 
 from volatool._version import __version__
@@ -56,8 +58,6 @@ def cache_dir() -> Path:
     if not root:
         base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
         root = str(Path(base) / "volatool")
-    from llvmlite import binding
-
     features = binding.get_host_cpu_features().flatten()
     cpu = hashlib.sha256(f"{binding.get_host_cpu_name()} {features}".encode()).hexdigest()[:12]
     # the code's place is part of numba's own key; two installations may share the folder
@@ -155,9 +155,65 @@ class _Failures(event.Listener):
             _turn.give()
 
 
+class _Library(codegen.JITCodeLibrary):
+    """
+    A kernel from the cache whose bitcode is parsed when another kernel is compiled with it.
+
+    To run it, its machine code is enough.
+    """
+
+    _machine_code = b""
+    _bitcode: bytes | None = None
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        name, kind, data = state
+        if kind != "object":
+            return super()._unserialize(codegen, state)
+        library = codegen.create_library(name)
+        library._machine_code, library._bitcode = data
+        library.enable_object_caching()
+        library._set_compiled_object(library._machine_code)
+        library._finalize_final_module()
+        return library
+
+    def get_pointer_to_function(self, name: str) -> Any:
+        if name.encode() in self._machine_code:  # among its symbols
+            return self._codegen._engine.get_function_address(name)
+        self._parse()
+        return super().get_pointer_to_function(name)
+
+    def _get_module_for_linking(self) -> Any:
+        self._parse()
+        return super()._get_module_for_linking()
+
+    def _parse(self) -> None:
+        if self._bitcode is not None:
+            self._shared_module = binding.parse_bitcode(self._bitcode)
+            self._bitcode = None
+            self._codegen._engine._load_defined_symbols(self._shared_module)
+
+
+class _Loading(caching.CompileResultCacheImpl):
+    """Makes kernels from what is in the cache, in numba's own way if ours fails."""
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        maker = target_context.codegen()
+        with contextlib.suppress(Exception):
+            before, maker._library_class = maker._library_class, _Library
+            try:
+                made = super().rebuild(target_context, payload)
+            finally:
+                maker._library_class = before
+            made.library._machine_code = b""  # the engine has it now
+            return made
+        return super().rebuild(target_context, payload)
+
+
 class _SharedCache(caching.FunctionCache):
     """numba's function cache, shared by processes that start together."""
 
+    _impl_class = _Loading
     _is_damaged = False
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
