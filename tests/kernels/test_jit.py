@@ -86,6 +86,7 @@ def test_processes_that_start_together_on_an_empty_cache_agree(tmp_path):
     assert compiled(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_conversions_that_start_together_on_an_empty_cache_agree(tmp_path):
     tile, cache = SAMPLES / "forest.laz", tmp_path / "cache"
     options = ("--no-dem", "--meta", "none", "--no-resources", "-q", "--depth", "3")
