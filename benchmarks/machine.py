@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
+import statistics
 import subprocess
+import time
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -17,6 +21,7 @@ def describe() -> dict[str, Any]:
     return {
         "cpu": _cpu(),
         "cores": os.cpu_count(),
+        "worth_cores": worth_cores(),
         "memory_gib": round(_memory_bytes() / 2**30, 1),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "python": platform.python_version(),
@@ -26,12 +31,30 @@ def describe() -> dict[str, Any]:
     }
 
 
+def worth_cores() -> float:
+    """
+    Tell how many times as fast all cores together are as one alone, just now.
+
+    What a virtual machine calls cores may be threads of the same core, at times.
+    """
+    cores, data = os.cpu_count() or 1, bytes(1 << 25)
+
+    def seconds(n: int) -> float:
+        begun = time.perf_counter()
+        with ThreadPoolExecutor(n) as pool:  # hashing large data lets the interpreter lock go
+            list(pool.map(lambda _: hashlib.blake2b(data).digest(), range(n)))
+        return time.perf_counter() - begun
+
+    return round(statistics.median(cores * seconds(1) / seconds(cores) for _ in range(9)), 2)
+
+
 def line(machine: dict[str, Any]) -> str:
     """Return the description as one line of text."""
     packages = ", ".join(f"{name} {number}" for name, number in machine["packages"].items())
     load = ", ".join(map(str, machine["load"]))
     return (
-        f"{machine['cpu']}, {machine['cores']} cores, {machine['memory_gib']} GiB, "
+        f"{machine['cpu']}, {machine['cores']} cores (worth {machine.get('worth_cores', '?')}), "
+        f"{machine['memory_gib']} GiB, "
         f"{machine['system']}, Python {machine['python']}, {packages}, commit "
         f"{machine['commit']}, load {load}"
     )
