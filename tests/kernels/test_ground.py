@@ -199,3 +199,16 @@ def test_points_near_the_sheet_and_not_too_low_are_ground():
                 about = (LATTICE, -3, 0.1, 1.0, (0.4, 0.8, 1.0, 1.0), low, used, keep)
                 ground.near(z, rows, *about, first, last, start, stop)
         np.testing.assert_array_equal(keep, wanted & is_high)
+
+
+@pytest.mark.parametrize("highest", [5, 10**6])
+def test_the_lowest_come_to_the_front_in_order_and_none_is_lost(highest):
+    rng = np.random.default_rng(highest)
+    for _ in range(300):
+        values = rng.integers(0, highest, rng.integers(1, 122)).astype(float)
+        n_sorted = int(rng.integers(1, len(values) + 1))
+        moved = values.copy()
+        ground._sort_lowest(moved, len(values), n_sorted)
+        ranked = np.sort(values)
+        assert np.array_equal(moved[:n_sorted], ranked[:n_sorted])
+        assert np.array_equal(np.sort(moved), ranked)
