@@ -27,8 +27,13 @@ def describe() -> dict[str, Any]:
         "python": platform.python_version(),
         "packages": {name: _version(name) for name in PACKAGES},
         "commit": _commit(),
-        "load": [round(value, 1) for value in os.getloadavg()],
+        "load": load(),
     }
+
+
+def load() -> list[float]:
+    """Return how many processes wanted to run in the last 1, 5 and 15 minutes."""
+    return [round(value, 1) for value in os.getloadavg()]
 
 
 def worth_cores() -> float:
@@ -51,12 +56,11 @@ def worth_cores() -> float:
 def line(machine: dict[str, Any]) -> str:
     """Return the description as one line of text."""
     packages = ", ".join(f"{name} {number}" for name, number in machine["packages"].items())
-    load = ", ".join(map(str, machine["load"]))
+    loads = ", ".join(map(str, machine["load"]))
     return (
         f"{machine['cpu']}, {machine['cores']} cores (worth {machine.get('worth_cores', '?')}), "
-        f"{machine['memory_gib']} GiB, "
-        f"{machine['system']}, Python {machine['python']}, {packages}, commit "
-        f"{machine['commit']}, load {load}"
+        f"{machine['memory_gib']} GiB, {machine['system']}, Python {machine['python']}, "
+        f"{packages}, commit {machine['commit']}, load {loads}"
     )
 
 

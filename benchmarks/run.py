@@ -288,7 +288,7 @@ def measure(options: argparse.Namespace) -> dict[str, Any]:
     found = results.result_rows(rows, suite.measured)
     return {
         "schema": SCHEMA,
-        "machine": {**before, "load_after": machine.describe()["load"]},
+        "machine": {**before, "load_after": machine.load()},
         "settings": {"runs": options.runs, "quick": options.quick, "only": options.only},
         "tiles": {name: tile.points for name, tile in suite.tiles.items()},
         "peers": {name: where is not None for name, where in suite.peers.items()},

@@ -21,7 +21,7 @@ _TEMPORARY = re.compile(
 _LONGEST_STEM = 40  # of at most 4 bytes each: file systems take names of 255 bytes
 _HOST = re.sub("[^A-Za-z0-9_]", "_", platform.node())
 _swept: set[Path] = set()  # folders: looking through thousands of outputs before each takes long
-_sets: weakref.WeakSet[OutputSet] = weakref.WeakSet()
+_sets: weakref.WeakSet[OutputSet] = weakref.WeakSet()  # all of this process, for `discard_all`
 
 
 class OutputSet:
@@ -171,7 +171,9 @@ def refuse_existing(targets: list[Path], overwrite: bool) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Remove temporary files of this machine's runs that are no longer alive."""
+    """Remove temporary files of this machine's runs that are no longer alive, if it is there."""
+    if not folder.is_dir():
+        return
     try:
         with os.scandir(folder) as entries:  # there may be a million outputs in it
             matches = [match for entry in entries if (match := _TEMPORARY.fullmatch(entry.name))]

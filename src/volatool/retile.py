@@ -360,8 +360,7 @@ def write_groups(groups: Sequence[Group], folder: Path) -> list[Path]:
     """
     from volatool.outputs import OutputSet, sweep
 
-    if folder.is_dir():
-        sweep(folder)
+    sweep(folder)
     paths = [folder / (group.name + GROUP_SUFFIX) for group in groups]
     with OutputSet(overwrite=True) as outputs:
         for path, group in zip(paths, groups, strict=True):

@@ -208,6 +208,7 @@ def no_space(where: Path | str, why: str) -> ResourceError:
 
 
 _BLOCK_ROWS = 1 << 18
+"""Rows of a spool that are kept, and read, together."""
 
 
 class Spool:

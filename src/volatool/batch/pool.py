@@ -228,7 +228,7 @@ class _Run:
 def _sweep(unit: Unit) -> None:
     """Remove what a worker that is gone had begun to write."""
     folder = unit.path.parent if unit.outdir is None else unit.outdir
-    if unit.kind != "stats" and folder.is_dir():
+    if unit.kind != "stats":
         with contextlib.suppress(VolatoolError):
             sweep(folder)
 

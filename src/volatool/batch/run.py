@@ -106,7 +106,8 @@ def run_inputs(
     if kind != "stats":
         _refuse_outputs(paths, is_done, options, kind, outdir, overwrite=overwrite or resume)
         folders = {path.parent for path in paths} if outdir is None else {outdir}
-        _sweep(folders)
+        for folder in folders:
+            sweep(folder)
     sizes = array("q", (0 if is_done[i] else _size(path) for i, path in enumerate(paths)))
     order = array("q", (index for index, done in enumerate(is_done) if not done))
     if kind != "stats" and not executor.in_order:  # a large one begun last would end alone
@@ -140,7 +141,8 @@ def run_inputs(
     finally:
         watcher.ended()
         with contextlib.suppress(VolatoolError):  # what is done is done
-            _sweep(folders)  # once more: workers of a killed run may have lived until now
+            for folder in folders:  # workers of a killed run may have lived until now
+                sweep(folder)
         if manifest is not None:
             _list_failed(manifest.path.with_name(FAILED_NAME), failed)
 
@@ -183,12 +185,6 @@ def _refuse_outputs(
             for target in planned_outputs(paths[index], options, kind, outdir)
         ]
         refuse_existing(targets, overwrite)
-
-
-def _sweep(folders: Iterable[Path]) -> None:
-    for folder in folders:
-        if folder.is_dir():
-            sweep(folder)
 
 
 def _size(path: Path) -> int:

@@ -115,7 +115,8 @@ def fold_keys(keys, state, blocks, words):
         Path key and word of the block that the piece before ended in; word 0 at the start.
         Updated in place: the last block stays there, as the next piece may add to it.
     blocks, words : (n + 1,) arrays of uint64
-        Filled with the path keys (one digit shorter) and words of the blocks that are complete.
+        Filled with the path keys (one digit shorter) and words of the blocks that are complete;
+        what is behind those is undefined.
 
     Returns
     -------

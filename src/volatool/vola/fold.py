@@ -75,7 +75,7 @@ def fold_levels(pieces: Iterator[U64], depth: int, sink: Sink) -> list[LevelCoun
 
 def words_of_levels(keys: U64, depth: int) -> tuple[U64, ...]:
     """
-    Return the words of every level of voxels that are all there.
+    Return the words of every level of voxels that come in one piece.
 
     Parameters
     ----------
